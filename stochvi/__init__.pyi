@@ -11,9 +11,9 @@ from . import (
     verification,
 )
 from .absorbers.performance import absorber
-from .identification.method import identify
+from .identification.fitting import identify
 from .isolators.screening import screen
-from .isolators.sizing.method import size
+from .isolators.sizing.size import size
 from .methods.averaging import average
 from .methods.closed_form import exact
 from .methods.fokker_planck import first_passage, fokker_planck, transient
@@ -21,12 +21,11 @@ from .methods.linearisation import linearise
 from .methods.monte_carlo import simulate
 from .methods.periodic import harmonic_response
 from .methods.replay import replay
+from .results.base import Response
 from .results.errors import NotApplicable, NotConverged, SceneError, StochviError
 from .results.estimates import Estimate
-from .results.response import Response
 from .saved_answers import load_answer, save_answer
 from .scenes.absorbers import Absorber
-from .scenes.between_units import BetweenUnits
 from .scenes.excitations import (
     ConstantLoad,
     FilteredNoise,
@@ -47,9 +46,9 @@ from .scenes.impact_laws import (
     SpeedRestitution,
     Viscoelastic,
 )
-from .scenes.scatter import Scatter
 from .scenes.scene import ImpactPair, Scene, load_scene
 from .scenes.structures import Isolator, Matrices, Oscillator
+from .scenes.validation import BetweenUnits, Scatter
 from .statistics.damage import damage
 from .statistics.histories import history
 from .statistics.impacts import impacts
@@ -57,9 +56,8 @@ from .statistics.reliability import reliability
 from .statistics.spectra import spectrum
 from .statistics.stability import stability
 from .sweeps import mean_over_records, mean_over_units, sweep
-from .verification.check import check
+from .verification.check import check, explain
 from .verification.cost import cost
-from .verification.explain import explain
 
 __version__: str
 

@@ -19,12 +19,10 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from stochvi.mathematics.arguments import checked
-from stochvi.results.atomic_files import write_whole
+from stochvi.mathematics.units import checked
 from stochvi.results.base import Result
 from stochvi.results.estimates import version_of
-from stochvi.results.kinds import kind_of, name_of
-from stochvi.results.origin import now
+from stochvi.results.files import kind_of, name_of, now, write_whole
 from stochvi.scenes.scene import Scene, scene_from
 
 PACKAGE = "stochvi"

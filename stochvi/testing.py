@@ -13,12 +13,15 @@ In a test suite of one's own pytest knows the fixture `stochvi_judge`:
         stochvi_judge("linear", my_function_or_frame)
 """
 
-from stochvi.verification.testing.agreement import assert_agrees
-from stochvi.verification.testing.documents import read_problem
-from stochvi.verification.testing.files import judge_file
-from stochvi.verification.testing.judging import Finding, Judgement, as_response, judge
-from stochvi.verification.testing.known_answers import known_answers
-from stochvi.verification.testing.problems import Problem, problem_of
+from stochvi.verification.testing.documents import judge_file, read_problem
+from stochvi.verification.testing.judging import (
+    Finding,
+    Judgement,
+    as_response,
+    assert_agrees,
+    judge,
+)
+from stochvi.verification.testing.problems import Problem, known_answers, problem_of
 
 __all__ = [
     "Finding",

@@ -70,8 +70,7 @@ def early_end(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def short_review(monkeypatch: pytest.MonkeyPatch) -> None:
     """The report of a sizing simulates as little as it can, for tests of something else."""
-    from stochvi.isolators.sizing.motion import PathSettings
-    from stochvi.isolators.sizing.review import PeakSettings, ReviewSettings
+    from stochvi.isolators.sizing.review import PathSettings, PeakSettings, ReviewSettings
 
     short = functools.partial(
         ReviewSettings,

@@ -26,7 +26,7 @@ from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.periodic import harmonic_response
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline, ended_by
-from stochvi.sampling.blocks import FEWEST_AT_ONCE, FULL_LANES
+from stochvi.sampling.calculations import FEWEST_AT_ONCE, FULL_LANES
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.structures import Matrices
 from support.known import oscillator
@@ -36,7 +36,7 @@ SLOW = 10.0
 
 check, cost, method_of_impacts = (
     importlib.import_module(f"stochvi.{name}")
-    for name in ("verification.check", "verification.cost", "statistics.impacts.method")
+    for name in ("verification.check", "verification.cost", "statistics.impacts")
 )
 
 
@@ -50,7 +50,7 @@ def slowed(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
     clock, late = time.time, [0.0]
     monkeypatch.setattr(time, "time", lambda: clock() + late[0])
     patient = functools.partial(ended_by, patience=600.0)
-    monkeypatch.setattr("stochvi.model.calculations.ended_by", patient)
+    monkeypatch.setattr("stochvi.sampling.calculations.ended_by", patient)
 
     def slow(module: str, name: str) -> None:
         owner = importlib.import_module(module)
@@ -69,9 +69,9 @@ def slowed(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
 @pytest.mark.parametrize(
     ("solve", "module", "planning", "fewest"),
     [
-        (simulate, "stochvi.methods.monte_carlo.simulate", "make_plan", FULL_LANES),
-        (spectrum, "stochvi.statistics.spectra.method", "plan_histories", FEWEST_AT_ONCE),
-        (impacts, "stochvi.statistics.impacts.method", "plan_impacts", FEWEST_AT_ONCE),
+        (simulate, "stochvi.methods.monte_carlo.simulation", "make_plan", FULL_LANES),
+        (spectrum, "stochvi.statistics.spectra", "plan_histories", FEWEST_AT_ONCE),
+        (impacts, "stochvi.statistics.impacts", "plan_impacts", FEWEST_AT_ONCE),
     ],
     ids=["simulate", "spectrum", "impacts"],
 )
@@ -132,7 +132,7 @@ def test_first_hits_get_the_share_of_the_budget_that_the_impacts_left_them(
 
 
 def test_first_hits_that_no_time_is_left_for_are_named(slowed: Callable[..., None]) -> None:
-    slowed("stochvi.statistics.impacts.method", "plan_impacts")
+    slowed("stochvi.statistics.impacts", "plan_impacts")
     with pytest.raises(NotConverged) as short:
         impacts(oscillator(-1.0, 1.0, 0.8), first_hits=True, budget=0.9 * SLOW, threads=1)
     answer = short.value.partial
@@ -141,7 +141,7 @@ def test_first_hits_that_no_time_is_left_for_are_named(slowed: Callable[..., Non
 
 
 def test_kernels_of_regimes_are_loaded_within_the_budget(slowed: Callable[..., None]) -> None:
-    slowed("stochvi.methods.periodic.method", "too_slow")
+    slowed("stochvi.methods.periodic.sine_response", "too_slow")
     scene = stochvi.load_scene(shipped_scene("isolator-sine"))
     with pytest.raises(NotConverged, match="the budget of 9 s ended") as short:
         harmonic_response(scene, [90.0, 100.0], budget=0.9 * SLOW)

@@ -25,7 +25,7 @@ from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.scenes.datasets import data_folder
-from stochvi.scenes.schema import scene_schema
+from stochvi.scenes.keys import scene_schema
 
 SUBJECTS = {
     "scenes": "Scenes, structures and stops",
@@ -372,7 +372,7 @@ def judges_page(source: Path) -> str:
         "([API](../reference/api.md)), with the tests and studies that hold it against something "
         "that shares no code with it: a closed form, another method, a plain integration, brute "
         "force. A quantity that is missing here, and a test that is not there, fail "
-        "`tests/verification/test_judges.py`.",
+        "`tests/verification/test_every_kind.py`.",
     ]  # fmt: skip
     for group, heading in (
         ("judged", "| answer or part | quantities | judged by |"),

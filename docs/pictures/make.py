@@ -29,11 +29,10 @@ from stochvi.scenes import (
     Viscoelastic,
 )
 from stochvi.scenes.datasets import shipped_scene
-from stochvi.views.axes import add_grid
-from stochvi.views.colours import COLOURS, DRAWING, OWNERS
+from stochvi.views.axes import COLOURS, DRAWING, OWNERS, add_grid
 from stochvi.views.files import write_picture
 from stochvi.views.schematic import draw_gaps, draw_problem
-from stochvi.views.words import count_of
+from stochvi.views.tables import count_of
 
 HERE = Path(__file__).parent
 STUDIES = HERE.parents[1] / "studies"

@@ -2,7 +2,9 @@
 
 # each module registers its commands, in the order of the help page
 from stochvi.cli import methods, statistics, verification  # isort: skip
-from stochvi.cli import identification, isolators, replay, absorbers, sine, sweeps, demo, scenes  # isort: skip
+from stochvi.cli import isolators  # isort: skip
+from stochvi.cli import sine  # isort: skip
+from stochvi.cli import scenes  # isort: skip
 from stochvi.cli.program import main
 
 __all__ = [

@@ -13,9 +13,8 @@ from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 import numpy as np
 import pandas as pd
 
-from stochvi.isolators.bumpers.answer import MapPoint
-from stochvi.isolators.production_risk.answer import Production
-from stochvi.isolators.production_risk.spreads import Spread
+from stochvi.isolators.bumpers import MapPoint
+from stochvi.isolators.production_risk import Production
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
 from stochvi.isolators.sizing.answer import (
@@ -24,17 +23,17 @@ from stochvi.isolators.sizing.answer import (
     Clearance,
     Probability,
     RoundedClearance,
+    StopPositions,
     ThreeSigma,
 )
-from stochvi.isolators.sizing.chance_at_stops import StopPositions
-from stochvi.methods.periodic.answer import Jump
+from stochvi.isolators.tolerances import Spread
 from stochvi.methods.periodic.resonance import HarmonicResonance
-from stochvi.methods.replay.answer import CoordinateReplay, PairReplay
-from stochvi.results.base import COMMON, Result
+from stochvi.methods.periodic.sine_response import Jump
+from stochvi.methods.replay.recorded_motion import CoordinateReplay, PairReplay
+from stochvi.results.base import COMMON, Quantities, Response, Result
 from stochvi.results.estimates import Estimate
-from stochvi.results.response import Quantities, Response
+from stochvi.scenes.keys import DIALECT
 from stochvi.scenes.scene import Scene
-from stochvi.scenes.schema import DIALECT
 from stochvi.verification.cost import Prediction
 
 Schema = dict[str, Any]

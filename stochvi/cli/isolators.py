@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import click
@@ -14,23 +17,286 @@ from stochvi.cli.options import (
     TIME,
     Common,
     Quantity,
+    Varied,
     acceleration,
+    band,
     common,
     equipped,
     fail_unless_gaussian,
+    judged_record,
     keeping,
     lengths,
     numbers,
     shown,
+    tolerances_of,
+    varied,
 )
 from stochvi.cli.program import FAILED, main, stop
-from stochvi.cli.tolerances import tolerances_of
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
 
+    from stochvi.absorbers import AbsorberReport, AbsorberSine, Design
     from stochvi.isolators import Jolts, Sizing
     from stochvi.isolators.record_verdict import RecordVerdict
+    from stochvi.mathematics.numerics import Vector
+    from stochvi.scenes.scene import Scene
+
+
+# ------------------------------------------------------------------------------
+# `size --map`, `size --damage-ratio`, and `size` of a scene with phases.
+# ------------------------------------------------------------------------------
+
+
+AXES = ("clearance", "stiffness")
+"""Axes of the map."""
+
+POINTS = 20
+"""Number of values of an axis where only its ends are given."""
+
+OTHER = ("wanted", "pad_force", "rattle_space", "damage_ratio", "equipment", "q", "exponent")
+"""Options of `size` that are for a map, or for damage."""
+
+TARGETS = ("probability", "rate", "impact_speed", "peak_acceleration")
+NEVER_WITH = ("at", "pair", "common", "sensitivity", "tolerances")
+"""Targets of `size`, and its options that do not go with a map, damage or phases."""
+
+
+def other_sizing(
+    options: Common, scene: str, loaded: Scene, given: dict[str, Any], other: dict[str, Any]
+) -> bool:
+    """Show a map, a sizing by damage or one of phases, if one of them is asked for.
+
+    `scene` is the file of the scene, `given` are the arguments of `size`, and `other` those of
+    `OTHER`.
+    """
+    limits = {name: other[name] for name in ("pad_force", "rattle_space")}
+    if other["wanted"] is not None and other["damage_ratio"] is not None:
+        raise ValueError("--map must stand without --damage-ratio, got both")
+    if other["wanted"] is not None:
+        _refuse("--map", given, (*NEVER_WITH, *(set(TARGETS) - {"peak_acceleration"})))
+        limits["peak_acceleration"] = given["peak_acceleration"]
+        _show_map(options, loaded, other["wanted"], limits, _left(given))
+        return True
+    if any(limit is not None for limit in limits.values()):
+        raise ValueError("--pad-force and --rattle-space must stand with --map, got no --map")
+    if other["damage_ratio"] is not None:
+        never = [name for name in NEVER_WITH if name != "at"]
+        _refuse("--damage-ratio", given, (*never, *TARGETS))
+        left = {name: each for name, each in _left(given).items() if name != "exceedance"}
+        left |= {} if given["at"] is None else {"at": given["at"]}
+        _show_damage(options, scene, loaded, other, left)
+        return True
+    from stochvi.isolators.sizing.size import is_not_gaussian
+
+    if loaded.phases or is_not_gaussian(loaded):
+        alone = "noise that is not Gaussian, or shocks,"
+        what = "a scene with phases" if loaded.phases else alone
+        part = "size one phase, as FILE.toml#PHASE" if loaded.phases else "leave it out"
+        _refuse(what, given, tuple(name for name in NEVER_WITH if name != "common"), part)
+        _show_phases(options, scene, loaded, given)
+        return True
+    return False
+
+
+def names_in(text: str | None) -> list[str]:
+    """Names that are separated by commas; none without a text."""
+    return [] if text is None else [name.strip() for name in text.split(",")]
+
+
+def _refuse(
+    what: str, given: dict[str, Any], names: tuple[str, ...], instead: str = "leave it out"
+) -> None:
+    unused = [name for name in names if given[name] not in (None, False)]
+    if unused:
+        named = ", ".join(f"--{name.replace('_', '-')}" for name in sorted(unused))
+        raise ValueError(f"{what} must stand without {named}; {instead}")
+
+
+def _left(given: dict[str, Any]) -> dict[str, Any]:
+    """Arguments that go on to a calculation: those with a value, without targets."""
+    unused = (*TARGETS, *NEVER_WITH)
+    return {name: each for name, each in given.items() if name not in unused and each is not None}
+
+
+def _show(
+    options: Common, title: str, solve: Callable[..., Any], given: dict[str, Any],
+    tell: Callable[..., None], draw: Callable[[Any], Any], report_of: str | None = None,
+    record: RecordVerdict | None = None,
+) -> None:  # fmt: skip
+    """Find an answer and show it; its files have the name `title`. A clearance also gets a report,
+    that of the scene file `report_of`; the `record` of an answer that does not judge it itself
+    stands before it."""
+    judged: list[RecordVerdict | None] = []
+
+    def found() -> Any:
+        with options.progress(title) as report:
+            return solve(progress=report, **options.sampling, **given)
+
+    def show(answer: Any) -> None:
+        judged.append(getattr(answer, "record", None))
+        options.show(answer, tell, title, record=record)
+        options.draw(title, lambda: draw(answer))
+        if options.out is not None and report_of is not None:
+            from stochvi.views.report import write_clearance_report
+
+            origin = options.origin(report_of, answer.provenance)
+            write_clearance_report(answer, options.out, origin)
+
+    shown(found, show, given)
+    for record in judged:
+        fail_unless_gaussian(record)
+
+
+def _show_map(
+    options: Common, loaded: Scene, wanted: str, limits: dict[str, float | None],
+    given: dict[str, Any],
+) -> None:  # fmt: skip
+    from stochvi.isolators.bumpers import bumper_map
+    from stochvi.views.statistics import draw_bumper_map, print_bumper_map
+
+    kept = {name: most for name, most in limits.items() if most is not None}
+    solve = partial(bumper_map, loaded, limits=kept, **_ranges(loaded, wanted))  # type: ignore[arg-type]
+    _show(
+        options, "map", solve, given, print_bumper_map,
+        lambda answer: draw_bumper_map(answer, loaded.title), record=judged_record(loaded),
+    )  # fmt: skip
+
+
+def _show_damage(
+    options: Common, scene: str, loaded: Scene, other: dict[str, Any], given: dict[str, Any]
+) -> None:
+    from stochvi.isolators.sizing.size import size_by_damage
+    from stochvi.views.isolator_tables import plot_damage_sizing, print_damage_sizing
+
+    solve = partial(
+        size_by_damage, loaded, ratio=other["damage_ratio"], q=other["q"],
+        exponent=other["exponent"], equipment=band("--equipment", other["equipment"]),
+    )  # fmt: skip
+    _show(options, "damage", solve, given, print_damage_sizing, plot_damage_sizing, scene)
+
+
+def _show_phases(options: Common, scene: str, loaded: Scene, given: dict[str, Any]) -> None:
+    from stochvi.isolators.sizing.size import size
+    from stochvi.views.isolator_tables import plot_mission_sizing, print_mission_sizing
+
+    common = names_in(given["common"])
+    given = {name: each for name, each in given.items() if name not in NEVER_WITH}
+    _show(
+        options, "phases", partial(size, loaded, common=common), given, print_mission_sizing,
+        plot_mission_sizing, scene,
+    )  # fmt: skip
+
+
+def _ranges(scene: Scene, text: str) -> dict[str, Vector]:
+    """The axes of "clearance,stiffness", each with the ends that it may have, as
+    "clearance=2mm:9mm,stiffness=1e4:1e6:30"."""
+    found: dict[str, Vector] = {}
+    words = [word.strip().partition("=") for word in text.split(",")]
+    if sorted(name.strip() for name, _, _ in words) != sorted(AXES):
+        raise ValueError(
+            f"--map must be clearance,stiffness, each with or without FIRST:LAST:NUMBER, as "
+            f"clearance=2mm:9mm:20,stiffness=1e4:1e6, got {text!r}"
+        )
+    for name, equals, span in words:
+        if not equals:
+            continue
+        low, high, number = _span(name.strip(), span)
+        found |= _axis(scene, name.strip(), low, high, number)
+    return found
+
+
+def _span(name: str, text: str) -> tuple[float, float, int]:
+    from stochvi.mathematics.units import measured
+    from stochvi.results.errors import MOST_SPACED, check_size
+
+    words = text.split(":")
+    try:
+        low, high = (
+            measured(word, "length") if name == "clearance" else float(word) for word in words[:2]
+        )
+        number = int(words[2]) if len(words) == 3 else POINTS
+        if len(words) not in (2, 3) or number < 2 or not 0.0 < low < high:
+            raise ValueError
+    except ValueError:
+        raise ValueError(
+            f"--map {name} must be FIRST:LAST or FIRST:LAST:NUMBER, rising, got {text!r}"
+        ) from None
+    check_size(f"--map {name}", number, MOST_SPACED, "ask for fewer")
+    return low, high, number
+
+
+def _axis(scene: Scene, name: str, low: float, high: float, number: int) -> dict[str, Vector]:
+    """The values of one axis; stiffnesses are in N/m where the stops are linear springs, else
+    factors of the law."""
+    import numpy as np
+
+    from stochvi.isolators.bumpers import stiffness_of
+
+    if name == "clearance":
+        return {"clearances": np.linspace(low, high, number)}
+    own = stiffness_of(scene) or 1.0
+    return {"stiffness_factors": np.geomspace(low, high, number) / own}
+
+
+# ------------------------------------------------------------------------------
+# The command that finds the law of a stop from a test of it.
+# ------------------------------------------------------------------------------
+
+
+@main.command()
+@click.argument("file")
+@click.option(
+    "--test", "kind", required=True, type=click.Choice(["speeds", "times", "force", "drop"]),
+    help="What FILE holds: speeds of approach and rebound; times of successive impacts; force over "
+    "deflection (with times in front where it is fast); the acceleration of one drop.",
+)  # fmt: skip
+@click.option("--mass", type=float, metavar="KG", help="Mass that meets the stop; for a drop.")
+@click.option("--unit", metavar="LIST", help="Units of the columns, as mm,N, if FILE states none.")
+@click.option(
+    "--height", type=Quantity("length"), metavar="LENGTH",
+    help="Height of the drop, 0.1 (m) or 100mm.",
+)  # fmt: skip
+@click.option(
+    "--timing-error",
+    type=TIME,
+    default=0.0,
+    metavar="TIME",
+    help="Standard deviation of a time of an impact, 1ms; a third of the interval of a video.",
+)
+@click.option("--pendulum", is_flag=True, help="Gravity does not press the mass onto the stop.")
+@click.option("--fs", type=float, metavar="HZ", help="Sampling rate of a record without times.")
+@click.option("--column", metavar="NAME", help="Column of a record with several, name or number.")
+@click.option(
+    "--at-speed", type=SPEED, metavar="M/S",
+    help="Speed whose restitution the line for a scene file states [mean of the test].",
+)  # fmt: skip
+@common("json", "out", "quiet")
+def identify(
+    options: Common, file: str, kind: Any, at_speed: float | None, column: str | None, **asked: Any
+) -> None:
+    """Find the law of a stop from a test of it.
+
+    Example: stochvi identify drop.csv --test drop --mass 2.3 --height 100mm --out out
+    """
+    from stochvi.identification import identify as solve
+    from stochvi.identification import read_test
+    from stochvi.views.files import write_table
+    from stochvi.views.verification import plot_identification, print_identification
+
+    number = int(column) if column is not None and column.isdigit() else column
+    test = read_test(Path(file), kind, column=number, **asked)
+    found = solve(test, at_speed=at_speed)
+    options.show(found, print_identification, "identify")
+    if options.out is not None:
+        write_table(found.curve, options.out / "curve.csv")
+    options.draw("identify", lambda: plot_identification(found))
+
+
+# ------------------------------------------------------------------------------
+# Commands of isolators between stops:
+# ------------------------------------------------------------------------------
 
 
 @main.command()
@@ -66,7 +332,7 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
     """Find impact rates against clearance."""
     import numpy as np
 
-    from stochvi.isolators.clearance import (
+    from stochvi.isolators.screening import (
         clearance_curve,
         clearance_notes,
         predicted_curve,
@@ -214,9 +480,8 @@ def size(
     tolerances: str | None, common: str | None, **asked: Any,
 ) -> None:  # fmt: skip
     """Find the clearance that keeps a stated risk."""
-    from stochvi.cli.other_sizings import OTHER, names_in, other_sizing
-    from stochvi.isolators.sizing.method import size as solve
     from stochvi.isolators.sizing.sensitivity import sensitivity as vary
+    from stochvi.isolators.sizing.size import size as solve
     from stochvi.results.base import plain
     from stochvi.results.deadline import partial_result
     from stochvi.scenes.scene import load_scene, phase_duration
@@ -325,3 +590,184 @@ def jolt(options: Common, scene: str, speeds: str, **asked: Any) -> None:
             )
 
     shown(solve, lambda found: options.show(found, print_jolts, "jolts"))
+
+
+# ------------------------------------------------------------------------------
+# Command of the replay: a measured record itself between the stops.
+# ------------------------------------------------------------------------------
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--clearances", metavar="LIST",
+    help="Clearances: distances of the stops from the static equilibrium, 2mm,3mm (or in m) "
+    "[the stops of the scene].",
+)  # fmt: skip
+@common("seed", "budget", "threads", "json", "out", "force", "quiet")
+def replay(options: Common, scene: str, clearances: str | None) -> None:
+    """Pass a measured record through the mount and its stops.
+
+    Example: stochvi replay box.toml --clearances 4mm,5mm,6mm --out out
+    """
+    from stochvi.isolators.record_verdict import record_verdict
+    from stochvi.isolators.screening import scene_at_rest
+    from stochvi.methods.replay import replay as solve
+    from stochvi.scenes.scene import load_scene
+    from stochvi.views.files import write_table
+    from stochvi.views.verification import print_replay
+
+    loaded = load_scene(scene)
+    places = None if clearances is None else lengths("--clearances", clearances)
+    found = solve(loaded, places, seed=options.seed, threads=options.threads, budget=options.rest)
+    record = record_verdict(loaded)
+
+    def picture() -> Axes:
+        from stochvi.views.verification import draw_replay
+
+        return draw_replay(found, loaded.title)
+
+    options.show(found, lambda console, answer: print_replay(console, answer, record), "replay")
+    if options.out is not None:
+        write_table(found.impacts, options.out / "impacts.csv")
+        if found.histories is not None:
+            write_table(found.histories.to_frame(), options.out / "histories.csv")
+    if found.only is None or found.histories is not None:
+        options.draw("replay", picture)
+    if options.out is not None:
+        from stochvi.views.report import write_replay_report
+
+        write_replay_report(
+            found,
+            loaded,
+            scene_at_rest(loaded),
+            record,
+            options.out,
+            options.origin(scene, found.provenance),
+        )
+
+
+# ------------------------------------------------------------------------------
+# The command of impact absorbers: effect of a loose mass in a box, or the best box.
+# ------------------------------------------------------------------------------
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--levels", default="-6,-3,0,3,6", show_default=True, metavar="LIST",
+    help="Levels of the excitation, dB relative to that of the scene.",
+)  # fmt: skip
+@click.option(
+    "--mass-budget",
+    type=float,
+    metavar="KG",
+    help="Mass for which the best box is designed, instead of judging that of the scene.",
+)
+@click.option(
+    "--restitutions", default="0.3,0.5,0.7", show_default=True, metavar="LIST",
+    help="Restitutions of the stops that a design may choose from.",
+)  # fmt: skip
+@click.option(
+    "--masses", default="1", show_default=True, metavar="LIST",
+    help="Numbers of equal masses that a design may choose from.",
+)  # fmt: skip
+@click.option(
+    "--sine", is_flag=True, help="Find the exact regimes under the sine of the scene instead."
+)
+@varied(
+    200,
+    "values of a key to tune, as absorber.play=1mm:9mm:50 [play or gap, and mass].",
+    "With --sine: ",
+)
+@click.option(
+    "--rel-error", type=float, default=0.01, show_default=True,
+    help="Relative standard error of mean squares and rates.",
+)  # fmt: skip
+@common("budget", "seed", "threads", "json", "out", "force", "quiet")
+def absorber(
+    options: Common, scene: str, *, levels: str, mass_budget: float | None, restitutions: str,
+    masses: str, sine: bool, varied: Varied, rel_error: float,
+) -> None:  # fmt: skip
+    """Judge an impact absorber, or find the best one.
+
+    The scene needs an [absorber] with mass (kg), play (m, total, stop to stop) and law, and an
+    oscillator or isolator of known mass: stochvi new tower.toml --kind absorber writes one. With
+    --mass-budget the box of the scene, if there is one, is left out, and the best one is found.
+    With --sine the amplitude with the absorber is shown over frequency, or over play and mass at
+    the frequency of the scene.
+    """
+    from stochvi.absorbers import absorber_sine
+    from stochvi.absorbers.design import design_absorber
+    from stochvi.absorbers.performance import absorber as perform
+    from stochvi.scenes.scene import load_scene
+
+    loaded = load_scene(scene)
+    asked = {"rel_error": rel_error} | options.sampling
+
+    def performance() -> AbsorberReport:
+        with options.progress("absorber") as report:
+            return perform(
+                loaded, levels_db=numbers("--levels", levels, "dB"), progress=report, **asked
+            )
+
+    def design() -> Design:
+        assert mass_budget is not None
+        with options.progress("absorber") as report:
+            return design_absorber(
+                loaded, mass_budget=mass_budget, progress=report,
+                restitutions=numbers("--restitutions", restitutions),
+                units=[round(n) for n in numbers("--masses", masses)], **asked,
+            )  # fmt: skip
+
+    if sine:
+        if mass_budget is not None:
+            raise ValueError("--sine and --mass-budget exclude each other, got both; leave out one")
+        shown(
+            lambda: absorber_sine(
+                loaded, varied.frequencies(), tune=varied.values(loaded), budget=options.rest
+            ),
+            lambda found: _show_sine(options, scene, found),
+        )
+    elif varied.given:
+        raise ValueError(
+            "--from, --to and --vary need --sine, got none; add --sine, or leave them out"
+        )
+    elif mass_budget is None:
+        shown(performance, lambda found: _show_performance(options, scene, found))
+    else:
+        shown(design, lambda found: _show_design(options, scene, found))
+
+
+def _show_performance(options: Common, scene: str, found: AbsorberReport) -> None:
+    from stochvi.views.absorbers import draw_levels, draw_plays, print_absorber
+    from stochvi.views.report.absorber import write_absorber_report
+
+    options.show(found, print_absorber, "absorber")
+    options.draw("absorber", lambda: draw_levels(found))
+    if found.play_curve:
+        options.draw("absorber-play", lambda: draw_plays(found))
+    if options.out is not None:
+        write_absorber_report(found, options.out, options.origin(scene, found.provenance))
+
+
+def _show_sine(options: Common, scene: str, found: AbsorberSine) -> None:
+    from stochvi.views.absorbers import draw_absorber_sine, print_absorber_sine
+    from stochvi.views.report.absorber import write_absorber_report
+
+    options.show(found, print_absorber_sine, "absorber-sine")
+    options.draw("absorber-sine", lambda: draw_absorber_sine(found))
+    if options.out is not None:
+        write_absorber_report(found, options.out, options.origin(scene, found.provenance))
+
+
+def _show_design(options: Common, scene: str, found: Design) -> None:
+    from stochvi.views.absorbers import draw_design, print_design
+    from stochvi.views.files import write_table
+    from stochvi.views.report.absorber import write_absorber_report
+
+    options.show(found, print_design)
+    options.draw("absorber-design", lambda: draw_design(found))
+    if options.out is not None:
+        write_table(found.curve, options.out / "absorber-design.csv")
+        write_absorber_report(found, options.out, options.origin(scene, found.provenance))

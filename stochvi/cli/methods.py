@@ -19,14 +19,13 @@ from stochvi.cli.options import (
     numbers,
     shown,
 )
-from stochvi.cli.output import executor_at
-from stochvi.cli.program import FAILED, main, stop
+from stochvi.cli.program import FAILED, executor_at, main, stop
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from stochvi.methods.fokker_planck import FirstPassage
-    from stochvi.results.response import Response
+    from stochvi.results.base import Response
     from stochvi.scenes.scene import Scene
 
 MISSION_PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
@@ -47,10 +46,10 @@ def show_response(options: Common, found: Response, scene: Scene) -> None:
 
 def write_map(options: Common, found: Response, scene: Scene) -> None:
     """Write the rms along a bar or beam, or over a plate, as `map.csv` and `map.png`."""
-    from stochvi.methods.linearisation.along import rms_along
+    from stochvi.methods.linearisation.one_form import rms_along
     from stochvi.results.errors import NotApplicable, NotConverged
     from stochvi.views.files import write_table
-    from stochvi.views.shapes import draw_map, has_places
+    from stochvi.views.schematic import draw_map, has_places
 
     if options.out is None or not has_places(scene):
         return
@@ -148,7 +147,7 @@ def first_passage(
 
     def show(found: FirstPassage) -> None:
         def picture() -> Axes:
-            from stochvi.views.first_passage import plot_first_passage
+            from stochvi.views.density import plot_first_passage
 
             ax = plot_first_passage(found)
             ax.set_title(loaded.title)
@@ -253,8 +252,8 @@ def simulate(
         stop((str(reason) or "interrupted by Ctrl-C") + remedy, FAILED)
 
     def picture() -> Axes:
-        from stochvi.statistics.overview import overview
-        from stochvi.views.overview import draw_overview
+        from stochvi.statistics.densities import overview
+        from stochvi.views.density import draw_overview
 
         return draw_overview(overview(loaded), loaded.title)
 

@@ -17,20 +17,19 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from stochvi.cli.output import console_for, echo, progress_bar
-from stochvi.cli.program import FAILED, stop
-from stochvi.results.deadline import Deadline, asked_for, graceful_interrupt, of_command
-from stochvi.results.progress import showing
+from stochvi.cli.program import FAILED, console_for, echo, progress_bar, stop
+from stochvi.results.deadline import Deadline, asked_for, graceful_interrupt, of_command, showing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from rich.console import Console
 
     from stochvi.isolators.record_verdict import RecordVerdict
-    from stochvi.mathematics.arrays import Vector
-    from stochvi.mathematics.shown_units import Choice
-    from stochvi.results.origin import Origin
-    from stochvi.results.progress import Progress
+    from stochvi.isolators.tolerances import Spread, Tolerances
+    from stochvi.mathematics.numerics import Vector
+    from stochvi.mathematics.units import Choice
+    from stochvi.results.deadline import Progress
+    from stochvi.results.files import Origin
     from stochvi.scenes.scene import Scene
 
 BUDGET = 60.0
@@ -59,7 +58,7 @@ def checked_targets(options: Common, given: Mapping[str, Any]) -> Iterator[None]
 
     Within the `with` block no answer replaces a file that the command reads.
     """
-    from stochvi.cli.writable_targets import (
+    from stochvi.cli.program import (
         check_apart,
         check_file_target,
         check_folder_target,
@@ -133,9 +132,8 @@ class Common:
 
     def origin(self, scene: str, provenance: Mapping[str, Any]) -> Origin:
         """The origin that a report states: this command, its scene file and the files it names."""
-        from stochvi.cli.program import COMMAND_LINE
-        from stochvi.cli.writable_targets import inputs_of
-        from stochvi.results.origin import digests, origin_of
+        from stochvi.cli.program import COMMAND_LINE, inputs_of
+        from stochvi.results.files import digests, origin_of
         from stochvi.scenes.scene import file_and_phase
         from stochvi.scenes.text_tables import read_text
 
@@ -228,7 +226,7 @@ class Units(click.ParamType):  # type: ignore[type-arg]
     name = "units"
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        from stochvi.mathematics.shown_units import units_of
+        from stochvi.mathematics.units import units_of
 
         try:
             return units_of(value) if isinstance(value, str) else value
@@ -415,7 +413,7 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
             bounded = any(given.get(name) for name in WITHOUT_BUDGET)
             if OPEN_BUDGETS.intersection(names) and given["budget"] is None and not bounded:
                 given["budget"] = BUDGET
-            from stochvi.mathematics.shown_units import shown_in  # with numpy: not for --help
+            from stochvi.mathematics.units import shown_in  # with numpy: not for --help
 
             begun, budget = Deadline.after(0.0), given.get("budget", BUDGET)
             if budget is not None and not 0.0 < budget < math.inf:
@@ -565,7 +563,7 @@ class Varied:
 
     def frequencies(self) -> list[float] | None:
         """The frequencies, Hz; None without --from and --to."""
-        from stochvi.results.sizes import spaced
+        from stochvi.results.errors import spaced
 
         if self.start is None and self.end is None:
             return None
@@ -659,7 +657,7 @@ def band(option: str, text: str) -> tuple[float, float] | Vector:
     import numpy as np
 
     from stochvi.mathematics.units import measured
-    from stochvi.results.sizes import MOST_SPACED, check_size
+    from stochvi.results.errors import MOST_SPACED, check_size
 
     words = text.split(":")
     try:
@@ -709,3 +707,68 @@ def barriers(text: str | None) -> tuple[float | None, float | None]:
         raise ValueError(f"--barrier must be B, or LO,HI with at least one of them, got {text!r}")
     lower, upper = (lengths("--barrier", word)[0] if word else None for word in words)
     return lower, upper
+
+
+# ------------------------------------------------------------------------------
+# The option --tolerances: limits of quantities, and distributions between units.
+# ------------------------------------------------------------------------------
+
+
+WIDTHS = {"normal": "std", "uniform": "half_width"}
+"""Distributions between units, each with the parameter of `Spread` for its width."""
+
+WANTED = (
+    "--tolerances must be usual, or frequency=10%,damping=30%,level=3dB,stiffness=20%,centre=5mm "
+    "or some of these; or distributions, as frequency=normal:3%,clearance=uniform:0.1mm, with a "
+    "mean as normal:3%:+1%"
+)
+"""What the option takes, in words."""
+
+
+def tolerances_of(scene: Scene, text: str | None) -> tuple[Tolerances | None, dict[str, Spread]]:
+    """Return the limits and the distributions that a text states, beside those of the scene.
+
+    A text is "usual", or "frequency=normal:5%,level=2dB". Quantities that it leaves out keep the
+    distributions that the scene states. None stands for a command without the option: there are no
+    limits, and all distributions are those of the scene.
+    """
+    from stochvi.scenes.validation import varied
+
+    if text is None and not any(varied(scene)):
+        return None, {}
+    from stochvi.isolators.tolerances import (
+        KEYS,
+        UNITS,
+        Spread,
+        bands_beside,
+        spreads_beside,
+        spreads_of,
+    )
+
+    if text is None:
+        return None, spreads_of(scene)
+    limits: dict[str, float] = {}
+    spreads: dict[str, Spread] = {}
+    parts = [part.strip() for part in text.split(",")]
+    for part in parts:
+        if part == "usual":
+            continue
+        name, _, words = (each.strip() for each in part.partition("="))
+        kind, *numbers = words.split(":") if ":" in words else ("", words)
+        try:
+            unit, size = UNITS[name]
+            width, *mean = (size * float(each.strip().removesuffix(unit)) for each in numbers)
+            if kind:
+                (offset,) = mean or [0.0]
+                spreads[name] = Spread(**{WIDTHS[kind.strip()]: width, "mean": offset})
+            else:
+                limits[KEYS.get(name, name)] = width
+        except (KeyError, ValueError):
+            raise ValueError(f"{WANTED}, got {part!r}") from None
+    if beyond := limits.keys() & {"clearance", "restitution"}:
+        raise ValueError(
+            f"the tolerance of {min(beyond)} must be a distribution, as normal:0.1 or uniform:0.1; "
+            "add a limit of the clearance to the answer"
+        )
+    spreads = spreads_beside(scene, spreads, limits)
+    return bands_beside(scene, spreads, usual="usual" in parts, **limits), spreads

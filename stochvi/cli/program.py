@@ -2,16 +2,146 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import io
 import os
+import re
 import shlex
 import sys
-from typing import Any, NoReturn
+import time
+import tomllib
+import warnings
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 import click
 
-from stochvi.cli.output import echo, notes_of_warnings
+from stochvi.results.deadline import Pace, Progress
+from stochvi.results.errors import SceneError, TargetError, visible
+from stochvi.results.files import named_files
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from rich.console import Console
+
+
+# ------------------------------------------------------------------------------
+# The output of commands (console, progress, notes), and the cluster that does their work.
+# ------------------------------------------------------------------------------
+
+
+LINE_SECONDS = 2.0
+"""Time between two lines of progress if standard error is not a terminal, s."""
+
+PLAIN_WIDTH, NARROWEST, WIDEST = 100, 80, 10_000
+"""Width, in characters, of a table that does not go to a terminal, unless the variable COLUMNS
+states another. The others are the smallest and largest value of that variable."""
+
+
+def console_for(json_file: str | None) -> Console:
+    """Standard output, or standard error where the JSON document has the output to itself."""
+    return new_console(sys.stderr if json_file == "-" else sys.stdout)
+
+
+def new_console(stream: TextIO) -> Console:
+    """A console on this stream, as wide as its terminal or the variable COLUMNS says."""
+    from stochvi.views.files import PlainConsole
+
+    unknown = None if stream.isatty() else PLAIN_WIDTH
+    # rich reads COLUMNS itself, and fails if it is "²"
+    environment = {
+        name: os.environ[name] for name in os.environ if name not in ("COLUMNS", "LINES")
+    }
+    return PlainConsole(file=stream, width=_columns() or unknown, _environ=environment)
+
+
+def _columns() -> int | None:
+    """The variable COLUMNS within its limits, None where it is not a plain number."""
+    text = os.environ.get("COLUMNS", "")
+    if not (text.isascii() and text.isdigit()):
+        return None
+    return max(NARROWEST, min(int(text[:9]), WIDEST))
+
+
+@contextlib.contextmanager
+def progress_bar(quiet: bool, title: str, console: Console | None = None) -> Iterator[Progress]:
+    """A bar on a terminal, elsewhere a line every few seconds."""
+    from rich import progress
+    from rich.markup import escape
+
+    if quiet:
+        yield lambda done, text: None
+        return
+    if not sys.stderr.isatty():
+        yield _progress_in_lines(title)
+        return
+    terminal = console if console and console.is_terminal else new_console(sys.stderr)
+    with progress.Progress(console=terminal, transient=True) as bar:
+        task = bar.add_task(title, total=1.0)
+        yield lambda done, text: bar.update(
+            task, completed=done, description=escape(visible(f"{title}: {text}"))
+        )
+
+
+def _progress_in_lines(title: str) -> Progress:
+    """Progress in plain lines, the first after some seconds, and none twice in a row."""
+    pace = Pace(title)
+    last, said = time.monotonic(), ""
+
+    def line(done: float, text: str) -> None:
+        nonlocal last, said
+        sentence, now = pace(done, text), time.monotonic()
+        if sentence != said and now - last >= LINE_SECONDS:
+            last, said = now, sentence
+            echo(sentence)
+
+    return line
+
+
+def echo(line: str) -> None:
+    """Print a line on standard error, if that stream is still open."""
+    with contextlib.suppress(BrokenPipeError):
+        click.echo(visible(line), err=True)
+
+
+@contextlib.contextmanager
+def notes_of_warnings() -> Iterator[None]:
+    """Print the warnings of the code inside as notes on standard error, each on a line.
+
+    Warnings of libraries, such as an overflow in numpy, are for programmers. They are left out
+    unless Python was started with -W or PYTHONWARNINGS.
+    """
+
+    def note(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+        if issubclass(category, UserWarning) and "missing from font" not in str(message):
+            echo(f"note: {message}")
+
+    with warnings.catch_warnings():
+        if not sys.warnoptions:
+            warnings.simplefilter("always", UserWarning)
+            warnings.showwarning = note
+        yield
+
+
+@contextlib.contextmanager
+def executor_at(address: str | None) -> Iterator[Executor | None]:
+    """The executor of the Dask cluster at an address, None where there is no address."""
+    if address is None:
+        yield None
+        return
+    from stochvi.sampling.workers import dask_executor
+
+    with dask_executor(address) as executor:
+        yield executor
+
+
+# ------------------------------------------------------------------------------
+# The program `stochvi`:
+# ------------------------------------------------------------------------------
+
 
 FAILED = 1
 """Exit code if a check failed, an accuracy was not reached, or Ctrl-C ended the command."""
@@ -95,7 +225,7 @@ def _end_output() -> None:
 
 def stop(message: str, code: int) -> NoReturn:
     """End the program with a message on stderr and an exit code."""
-    from stochvi.results.sizes import few_lines
+    from stochvi.results.errors import few_lines
 
     for line in few_lines(message.splitlines()).splitlines():
         echo(f"stochvi: {line.strip()}")
@@ -110,3 +240,114 @@ def main() -> None:
     A scene file says what moves, where it hits and what shakes it. Each command answers one
     question about it. Start with: stochvi new scene.toml, then stochvi explain scene.toml.
     """
+
+
+# ------------------------------------------------------------------------------
+# Checks, before the work of a command, that the files of its answer can be written.
+# ------------------------------------------------------------------------------
+
+
+def inputs_of(scenes: Sequence[Path]) -> list[Path]:
+    """The scene files, and the files that they name. Unreadable scenes are refused elsewhere."""
+    from stochvi.scenes.scene import file_and_phase
+    from stochvi.scenes.text_tables import read_text
+
+    found = []
+    for named in scenes:
+        scene, _ = file_and_phase(named)
+        found.append(scene)
+        try:
+            document = tomllib.loads(read_text(scene))
+            found += [scene.parent / name for name in named_files(document)]
+        except (SceneError, ValueError, RecursionError):
+            continue
+    return found
+
+
+def check_folder_target(folder: Path) -> None:
+    """Raise `TargetError` unless a folder can be made here, and files in it."""
+    nearest = _nearest(folder)
+    if not nearest.is_dir():
+        raise TargetError(f"--out must name a folder, but {nearest} is a file; name another folder")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise TargetError(f"--out {folder}: {nearest} cannot be written to; name another folder")
+
+
+def check_formats(formats: Collection[str], folder: Path | None, *, has_report: bool) -> None:
+    """Raise a ValueError where answers cannot be written in these forms."""
+    if formats and folder is None:
+        raise ValueError("--formats needs --out, the folder that gets the files")
+    if "pdf" not in formats:
+        return
+    if not has_report:
+        raise ValueError("--formats pdf is for a command that writes a report; this one has none")
+    from stochvi.views.files import missing_for_pdf
+
+    if missing := missing_for_pdf():
+        raise ValueError(f"--formats pdf {missing}")
+
+
+REPORT, QUESTION = "report.html", re.compile(r'<meta name="stochvi-question" content="(\w*)">')
+"""Name of the page of a report, and where it states the question that it answers."""
+
+HEAD = 4000
+"""Number of characters at the start of a page that are searched for its question."""
+
+
+def check_report_target(folder: Path, question: str) -> None:
+    """Raise `TargetError` if the folder holds the report of another scene or question."""
+    page = folder / REPORT
+    if not page.is_file():
+        return
+    with page.open(encoding="utf-8", errors="replace") as opened:
+        found = QUESTION.search(opened.read(HEAD))
+    if found is None or found[1] != question:
+        raise TargetError(
+            f"{page} is the report of another scene or question, and would be replaced; name "
+            "another folder with --out, or replace it with --force"
+        )
+
+
+def check_file_target(option: str, file: Path, read: Sequence[Path]) -> None:
+    """Raise `TargetError` unless this file can be written, and is none of those that are read."""
+    nearest = _nearest(file)
+    for each in read:
+        if nearest == file and each.exists() and os.path.samefile(file, each):
+            raise TargetError(
+                f"{option} {file} would replace {each}, which this command reads; name another file"
+            )
+    if nearest == file:
+        if file.is_dir():
+            raise TargetError(f"{option} must name a file, but {file} is a folder")
+        if not os.access(file, os.W_OK):
+            raise TargetError(f"{option} {file} cannot be written to; name another file")
+        return
+    if not nearest.is_dir():
+        raise TargetError(f"{option} {file}: {nearest} is a file, expected a folder")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise TargetError(f"{option} {file}: {nearest} cannot be written to; name another file")
+
+
+def check_apart(document: Path, checkpoints: Sequence[Path]) -> None:
+    """Raise `TargetError` if the document of an answer would replace a checkpoint of its run."""
+    for each in checkpoints:
+        if os.path.realpath(document) == os.path.realpath(each):
+            raise TargetError(
+                f"--json {document} and --checkpoint {each} are one file; give each its own name"
+            )
+
+
+def _nearest(path: Path) -> Path:
+    """The path itself if it exists, also as a link to nowhere; else the nearest folder that does.
+
+    A name that the system refuses, such as one of 5000 letters, is an OSError, which names it.
+    """
+    for found in (path, *path.parents):
+        if os.path.lexists(found):
+            if not found.exists():  # a link to what is not there yet
+                target = Path(os.path.realpath(found))
+                if os.path.lexists(target):
+                    raise TargetError(f"{found} is a link that leads back to itself; remove it")
+                return _nearest(target)
+            return found
+    return Path()

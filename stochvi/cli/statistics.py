@@ -21,15 +21,15 @@ from stochvi.cli.options import (
     keeping,
     numbers,
     shown,
+    tolerances_of,
 )
 from stochvi.cli.program import FAILED, main, stop
-from stochvi.cli.tolerances import tolerances_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from rich.console import Console
 
-    from stochvi.isolators.production_risk.answer import Production
+    from stochvi.isolators.production_risk import Production
     from stochvi.statistics.damage import Damage
     from stochvi.statistics.impacts import ImpactStatistics
     from stochvi.statistics.spectra import ResponseSpectrum
@@ -52,7 +52,7 @@ def spectrum(options: Common, scene: str, **asked: Any) -> None:
     """Estimate spectra, transmissibility and coherence."""
     from stochvi.scenes.scene import load_scene
     from stochvi.statistics.spectra import spectrum as solve
-    from stochvi.views.statistics_tables import print_spectrum
+    from stochvi.views.statistics import print_spectrum
 
     loaded = load_scene(scene)
 
@@ -65,7 +65,7 @@ def spectrum(options: Common, scene: str, **asked: Any) -> None:
 
     def show(answer: ResponseSpectrum) -> None:
         def picture() -> Axes:
-            from stochvi.views.spectra import draw_spectrum
+            from stochvi.views.statistics import draw_spectrum
 
             return draw_spectrum(answer, loaded.title)
 
@@ -84,7 +84,7 @@ def stability(options: Common, scene: str, **asked: Any) -> None:
     """Find whether the motion of a modulated structure grows."""
     from stochvi.scenes.scene import load_scene
     from stochvi.statistics.stability import stability as solve
-    from stochvi.views.stability import plot_stability, print_stability
+    from stochvi.views.sine import plot_stability, print_stability
 
     loaded = load_scene(scene)
 
@@ -122,7 +122,7 @@ def impacts(options: Common, scene: str, mission: float | None, **asked: Any) ->
     from stochvi.scenes.scene import load_scene
     from stochvi.statistics.impacts import impacts as solve
     from stochvi.views.files import write_table
-    from stochvi.views.statistics_tables import print_impacts
+    from stochvi.views.statistics import print_impacts
 
     loaded = load_scene(scene)
 
@@ -135,7 +135,7 @@ def impacts(options: Common, scene: str, mission: float | None, **asked: Any) ->
 
     def show(answer: ImpactStatistics) -> None:
         def picture() -> Axes:
-            from stochvi.views.impacts import draw_impacts
+            from stochvi.views.statistics import draw_impacts
 
             return draw_impacts(answer, loaded.title)
 
@@ -192,8 +192,8 @@ def damage(
     """
     from stochvi.scenes.scene import load_scene, phase_duration
     from stochvi.statistics.damage import damage as solve
-    from stochvi.views.damage import draw_damage, print_damage
     from stochvi.views.files import write_table
+    from stochvi.views.statistics import draw_damage, print_damage
 
     loaded = load_scene(scene)
     asked["mission"] = asked["mission"] or phase_duration(scene)
@@ -244,9 +244,9 @@ def history(
     """
     from stochvi.scenes.scene import load_scene
     from stochvi.statistics.histories import history as solve
+    from stochvi.views.density import draw_history, print_history, write_animation
     from stochvi.views.files import write_parquet, write_table
-    from stochvi.views.history import draw_history, print_history, write_animation
-    from stochvi.views.shapes import draw_shapes, has_shape
+    from stochvi.views.schematic import draw_shapes, has_shape
 
     if animate and options.out is None:
         raise ValueError("--animate writes history.gif into a folder: give --out DIR as well")
@@ -313,13 +313,13 @@ def reliability(
 
     Example: stochvi reliability box.toml --mission 3600 --impact-speed 0.5 --start rest
     """
-    from stochvi.isolators.production_risk.method import production, unmet
+    from stochvi.isolators.production_risk import production, unmet
     from stochvi.results.errors import NotApplicable
     from stochvi.scenes.scene import load_scene, phase_duration
     from stochvi.statistics.reliability import Reliability
     from stochvi.statistics.reliability import reliability as solve
-    from stochvi.views.production import print_production
-    from stochvi.views.statistics_tables import print_reliability
+    from stochvi.views.isolator_tables import print_production
+    from stochvi.views.statistics import print_reliability
     from stochvi.views.tables import print_line
 
     loaded = load_scene(scene)
@@ -381,7 +381,7 @@ def reliability(
         for each in units:
             options.draw("production", each.plot)
         if options.out is not None:
-            from stochvi.isolators.scene_at_rest import scene_at_rest
+            from stochvi.isolators.screening import scene_at_rest
             from stochvi.views.report import write_reliability_report
 
             origin = options.origin(scene, answer.provenance)

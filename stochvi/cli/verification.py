@@ -15,8 +15,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from stochvi.verification.check import Check
-    from stochvi.verification.explain import Explanation
+    from stochvi.verification.check import Check, Explanation
 
 ONE_SCENE = 0.003
 """Default relative error of the Monte Carlo where one scene is checked."""
@@ -47,10 +46,10 @@ def check(
     Several scenes, or the zoo, are judged under one alarm rate for all their comparisons.
     """
     from stochvi.scenes.scene import load_scene
+    from stochvi.verification.check import Checks, check_many
     from stochvi.verification.check import check as compare
-    from stochvi.verification.check_of_many import Checks, check_many
-    from stochvi.verification.check_of_many import zoo as shipped
-    from stochvi.views.verification_tables import print_check, print_checks
+    from stochvi.verification.check import zoo as shipped
+    from stochvi.views.verification import print_check, print_checks
 
     if not scenes and not zoo:
         raise ValueError("check needs a scene file, several, or --zoo, got none")
@@ -106,7 +105,7 @@ def cost(options: Common, scene: str, budget: float) -> None:
     """Measure what accuracy costs in time."""
     from stochvi.scenes.scene import load_scene
     from stochvi.verification.cost import cost as measure
-    from stochvi.views.verification_tables import print_cost
+    from stochvi.views.verification import print_cost
 
     loaded = load_scene(scene)
     with options.progress("cost") as report:
@@ -141,9 +140,9 @@ def explain(options: Common, scene: str, budget: float) -> None:
     With --out it draws the scene with its lengths as scene.svg.
     """
     from stochvi.scenes.scene import load_scene
-    from stochvi.verification.explain import explain as explain_scene
-    from stochvi.verification.explain import explain_phases
-    from stochvi.views.verification_tables import print_explanation, print_phases
+    from stochvi.verification.check import explain as explain_scene
+    from stochvi.verification.check import explain_phases
+    from stochvi.views.verification import print_explanation, print_phases
 
     loaded = load_scene(scene)
     left = options.until(budget).rest or budget
@@ -201,9 +200,9 @@ def problems(options: Common, paths: int, relaxations: float) -> None:
         problem_document,
         readme,
     )
-    from stochvi.verification.testing.reference_values import shipped_problems
+    from stochvi.verification.testing.problems import shipped_problems
     from stochvi.views.files import write_json, write_table, write_text
-    from stochvi.views.verification_tables import print_problems
+    from stochvi.views.verification import print_problems
 
     found = shipped_problems(paths=paths, relaxations=relaxations)
     if not options.quiet:
@@ -240,8 +239,8 @@ def judge(options: Common, file: str, problem: str, form: str | None, allowed: f
     FILE is CSV: statistics (quantity,value,standard_error), averages of each path, or records
     (path,time,x,v).
     """
-    from stochvi.verification.testing.files import judge_file
-    from stochvi.views.verification_tables import print_judgement
+    from stochvi.verification.testing.documents import judge_file
+    from stochvi.views.verification import print_judgement
 
     if not 0.0 <= allowed < 100.0:
         raise ValueError(f"--allowed must be at least 0 and below 100 per cent, got {allowed:g}")

@@ -20,16 +20,16 @@ What a kernel calls is settled when it is compiled: neither a branch nor a point
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable
 from functools import update_wrapper
 from types import FunctionType
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from numba.core.types import NoneType  # type: ignore[attr-defined]
 from numba.extending import overload
 
-from stochvi.engine.compiling import LinkingCompiler
-from stochvi.engine.ingredients import Ingredients
+from stochvi.engine.compiling import Ingredients, LinkingCompiler
 
 
 class Generic:
@@ -105,3 +105,249 @@ def generic(stub: Callable[..., Any] | None = None, *, inline: bool = True) -> A
     if stub is None:
         return lambda function: Generic(function, inline)
     return Generic(stub, inline)
+
+
+# ------------------------------------------------------------------------------
+# What a kernel asks of the law of a stop.
+#
+# A law is a class of named tuples of numbers, for forces per unit mass. It has one of two
+# functions:
+#
+#     rebound(law, w, uniform)     rigid: speed after an impact at the speed w
+#     force(law, y, v)            compliant: force at the deflection y and its rate v
+#
+# The other functions say how a contact is followed; they have bodies that serve most laws.
+#
+# A law is known to a kernel by the numbers of its stop, a row of a table, from which `read` makes
+# it.
+# `compiled_laws` compiles the functions of a class on their own, so that a kernel serves all laws.
+# ------------------------------------------------------------------------------
+
+
+MOST_NUMBERS = 4
+"""Largest number of numbers of a law that are kept beside a lane. A law with more reads the table,
+whose row is kept as well."""
+
+
+@generic
+def rebound(law, w, uniform):
+    """Speed after an impact at the speed w, m/s; `uniform` is a uniform number of that impact."""
+
+
+@generic
+def mean_rebound(law, w):
+    """Mean speed after impacts at the speed w, m/s."""
+
+
+@generic
+def force(law, y, v):
+    """Force of a stop that pushes, m/s^2, at the deflection y > 0 (m) and its rate v (m/s)."""
+
+
+@generic
+def margin(law, y, v):
+    """Deflection, m, that is left until the stop no longer pushes; linear in y and v."""
+
+
+@generic
+def rate(law, y, v, push):
+    """Largest rate (rad/s) in a contact that is at y and v, with the acceleration `push` onto the
+    stop: that of its oscillation or of its damping."""
+
+
+@generic
+def energy(law, y):
+    """Energy that a stop without losses holds at the deflection y, m^2/s^2; nan where nobody has
+    said."""
+
+
+@generic
+def is_rigid(law):
+    """Whether the stop is rigid."""
+
+
+@generic
+def is_lossy(law):
+    """Whether a contact takes energy."""
+
+
+@generic
+def is_smooth(law):
+    """Whether the force has derivatives where the contact begins."""
+
+
+@generic
+def read_law(law, numbers, row):
+    """The law of this class whose numbers are a row of a table."""
+
+
+@generic
+def read_lane(law, lanes, lane, numbers):
+    """The law of this class of a lane, from its numbers or from the table.
+
+    `lanes` (lanes, MOST_NUMBERS + 1) holds the first numbers of each lane, and its row of the table
+    `numbers`.
+    """
+
+
+@read_lane.of(object)
+def _(law, lanes, lane, numbers):
+    return read_law(law, lanes, lane)
+
+
+@margin.of(object)
+def _(law, y, v):
+    return y
+
+
+@rebound.of(object)
+def _(law, w, uniform):
+    return 0.0
+
+
+@mean_rebound.of(object)
+def _(law, w):
+    return rebound(law, w, 0.5)
+
+
+@force.of(object)
+def _(law, y, v):
+    return 0.0
+
+
+@rate.of(object)
+def _(law, y, v, push):
+    return 0.0
+
+
+@energy.of(object)
+def _(law, y):
+    return math.nan
+
+
+@is_rigid.of(object)
+def _(law):
+    return False
+
+
+@is_lossy.of(object)
+def _(law):
+    return False
+
+
+@is_smooth.of(object)
+def _(law):
+    return True
+
+
+# ------------------------------------------------------------------------------
+# What a kernel asks of a spring or damper that is a function.
+#
+# A characteristic is a class of named tuples of numbers, for forces per unit mass. It has one body
+# of
+# its own, and others where the defaults are wrong:
+#
+#     pull(part, x, v, z)    force against the displacement x at the rate v, with the memory z
+#
+# A kick changes the rate v while x stays: v' = k x + c v + f - pull. The affine force is in the
+# flow
+# of the linear structure, and a kick takes it out again. `kicked` solves this equation; by default
+# v
+# does not enter the force. A part whose force depends on v says so by `damps`.
+#
+# A force with hysteresis has a memory z that changes with x alone, by `moved`, whose rate is
+# `slope`.
+# What sees the motion in time changes its memory in each kick, by `watched`, before it acts.
+# ------------------------------------------------------------------------------
+
+
+class Affine(NamedTuple):
+    """The force k x + c v + f per unit mass that the linear structure holds in the place of a part.
+
+    Parameters
+    ----------
+    stiffness, damping, force : k, 1/s^2, c, 1/s, and f, m/s^2.
+    """
+
+    stiffness: float
+    damping: float
+    force: float
+
+
+@generic
+def pull(part, x, v, z):
+    """Force per unit mass, m/s^2, at the displacement x (m) and the rate v (m/s)."""
+
+
+@generic
+def damps(part):
+    """Whether the force depends on the rate."""
+
+
+@generic
+def kicked(part, x, v, z, push, damping, h):
+    """Rate, m/s, after the time h (s) of v' = push + damping v - pull at a fixed displacement."""
+
+
+@generic
+def remembers(part):
+    """Whether the force depends on a memory."""
+
+
+@generic
+def moved(part, z, way):
+    """Memory after the displacement has changed by `way` (m), in one direction."""
+
+
+@generic
+def slope(part, z, way):
+    """Slope of the memory over the displacement, 1/m, in the direction of `way`."""
+
+
+@generic
+def watched(part, x, v, z, h):
+    """Memory in a kick of the time h (s), at the displacement x and the rate v."""
+
+
+@generic
+def read_characteristic(part, numbers, row):
+    """The part of this class whose numbers are a row of a table."""
+
+
+@damps.of(object)
+def _(part):
+    return False
+
+
+@remembers.of(object)
+def _(part):
+    return False
+
+
+@moved.of(object)
+def _(part, z, way):
+    return z
+
+
+@slope.of(object)
+def _(part, z, way):
+    return 0.0
+
+
+@watched.of(object)
+def _(part, x, v, z, h):
+    return z
+
+
+@kicked.of(object)
+def _(part, x, v, z, push, damping, h):
+    if not damps(part):
+        # the exponential of the linear damper by its series: damping h is small against 1
+        growth = h * (1.0 + damping * h / 2.0 * (1.0 + damping * h / 3.0))
+        return v + growth * (push + damping * v - pull(part, x, 0.0, z))
+    # the classical method of Runge and Kutta, as nothing is known of the force
+    a = push + damping * v - pull(part, x, v, z)
+    b = push + damping * (v + 0.5 * h * a) - pull(part, x, v + 0.5 * h * a, z)
+    c = push + damping * (v + 0.5 * h * b) - pull(part, x, v + 0.5 * h * b, z)
+    d = push + damping * (v + h * c) - pull(part, x, v + h * c, z)
+    return v + h * (a + 2.0 * b + 2.0 * c + d) / 6.0

@@ -14,22 +14,48 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.engine.alone import (
+from stochvi.engine.arithmetic import (
+    ENDED,
+    IMPULSE,
+    LOSS,
+    PEAK,
+    ROWS_OF_PAIR,
+    ROWS_OF_STOP,
+    TIME,
+    Log,
+    memory_of,
+    page_of,
+    rows_of,
+    word_of_step,
+)
+from stochvi.engine.borrowed import borrowed
+from stochvi.engine.calls import Stops, press_all
+from stochvi.engine.compiling import kernel
+from stochvi.engine.contacts import (
+    APART,
     NO_PAIR,
+    PUSHES,
+    Following,
+    Tally,
     Workspace,
     add_push,
     find_contacts,
     finish_alone,
+    followed_of,
     keep_between_stops,
     move_starts,
     until_contact,
 )
-from stochvi.engine.batch import (
+from stochvi.engine.parts import MOST_NUMBERS
+from stochvi.engine.sub_steps import (
+    A0,
+    A1,
     C0,
     LASTED,
     LASTING,
     LEFT,
     LOST,
+    MOMENTS,
     NOW,
     NUMBERS,
     OVER,
@@ -44,22 +70,16 @@ from stochvi.engine.batch import (
     RUNNING,
     STATE,
     TRIES,
+    V0,
+    V1,
+    Y0,
+    Y1,
+    Responses,
     T,
     V,
     Y,
-)  # fmt: skip
-from stochvi.engine.borrowed import borrowed
-from stochvi.engine.compiled_laws import Stops
-from stochvi.engine.compiling import kernel
-from stochvi.engine.contacts import APART, PUSHES, Following, Tally, followed_of
-from stochvi.engine.friction import tangent_of
-from stochvi.engine.impact_log import Log, page_of
-from stochvi.engine.lanes import memory_of, rows_of
-from stochvi.engine.law import MOST_NUMBERS
-from stochvi.engine.law_calls import press_all
-from stochvi.engine.pushes import A0, A1, MOMENTS, V0, V1, Y0, Y1, Responses
-from stochvi.engine.sums import ENDED, IMPULSE, LOSS, PEAK, ROWS_OF_PAIR, ROWS_OF_STOP, TIME
-from stochvi.engine.uniform_numbers import word_of_step
+    tangent_of,
+)
 
 MOST_ROUNDS = 50
 """Largest number of touches of a lane in a step; a lane with more finishes alone."""

@@ -1,7 +1,5 @@
-from .answer import Identification, LawFit
-from .measurements import DropRecord, ForceCurve, Rebounds
-from .method import identify
-from .reading import read_test
+from .fitting import Identification, LawFit, identify
+from .measurements import DropRecord, ForceCurve, Rebounds, read_test
 
 __all__ = [
     "DropRecord",

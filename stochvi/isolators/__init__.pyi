@@ -1,15 +1,12 @@
 from .bumpers import BumperMap, bumper_map
-from .clearance import clearance_curve
 from .jolt_response import Jolts, jolts
 from .production_risk import Production, Spread, production
-from .screening import Screening, screen
+from .screening import Screening, clearance_curve, screen
 from .sizing import Sizing, size
-from .sizing.answer import PairsSizing
-from .sizing.by_damage import size_by_damage
-from .sizing.clatter import clatter
-from .sizing.damage_answer import DamageSizing
-from .sizing.missions_answer import MissionSizing
+from .sizing.answer import DamageSizing, MissionSizing, PairsSizing
+from .sizing.review import clatter
 from .sizing.sensitivity import sensitivity
+from .sizing.size import size_by_damage
 
 __all__ = [
     "BumperMap",

@@ -3,35 +3,296 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 import pandas as pd
+import scipy
+from numpy.typing import ArrayLike
 
 from stochvi.isolators.record_verdict import RecordVerdict, record_verdict
-from stochvi.mathematics.moving_means import MovingMean, Sines
-from stochvi.mathematics.shown_units import (
+from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.mathematics.spectra import Table, squared_gain
+from stochvi.mathematics.units import (
     ACCELERATION,
     HOURLY,
     LENGTH,
     MILLIRADIANS,
     SPEED,
+    density_from_intensity,
     shown_as,
 )
-from stochvi.mathematics.units import density_from_intensity
-from stochvi.model.calculations import calculation
-from stochvi.model.cautions import scene_notes
-from stochvi.model.free_motion import FreeMotion, free_motion
+from stochvi.mathematics.unsteady_noise import MovingMean, Sines
+from stochvi.methods.linearisation import linearise
+from stochvi.methods.monte_carlo import simulate
+from stochvi.model.coverage import FreeMotion, at_rest, free_motion, natural_modes, scene_notes
 from stochvi.model.modal import absolute_accelerations
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import COMMON, Result
-from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import provenance
+from stochvi.results.base import COMMON, Response, Result
+from stochvi.results.deadline import NEVER, Deadline
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
+from stochvi.results.estimates import Estimate, provenance
+from stochvi.sampling.calculations import AccuracyOptions, calculation
+from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody
-from stochvi.statistics.free_windows import has_fast_peaks, without_peaks
+from stochvi.scenes.validation import moved
+from stochvi.statistics.trial_splitting import has_fast_peaks, without_peaks
+
+# ------------------------------------------------------------------------------
+# The stops of a scene, moved to given clearances.
+# ------------------------------------------------------------------------------
+
+
+def at_clearances(scene: Scene, clearances: ArrayLike) -> Scene:
+    """The scene with its stops moved to distances from the mean gaps, the laws of the stops kept.
+
+    Parameters
+    ----------
+    clearances
+        Metres: one number for all stops, one for each pair (pairs,), or those of the lower and of
+        the upper stops (2, pairs). Infinite ones belong to stops that the
+        scene does not have.
+    """
+    model, whole = model_of(scene), scene.expanded
+    means = model.mean_gaps
+    lower, upper = np.broadcast_to(np.asarray(clearances, dtype=float), (2, len(means))).tolist()
+    pairs = [
+        pair.model_copy(
+            update={
+                "lower": None if pair.lower is None else moved(pair.lower, mean - below),
+                "upper": None if pair.upper is None else moved(pair.upper, mean + above),
+            }
+        )
+        for pair, mean, below, above in zip(
+            whole.impact_pairs, means.tolist(), lower, upper, strict=True
+        )
+    ]
+    return whole.model_copy(update={"impact_pairs": tuple(pairs)})
+
+
+# ------------------------------------------------------------------------------
+# Excitation of an isolator and its motion without stops, as numbers for a report.
+# ------------------------------------------------------------------------------
+
+
+POINTS = 801
+"""Number of frequencies of a curve over the whole input; those around the resonance are extra."""
+
+RESONANCE_POINTS, RESONANCE_WIDTHS = 121, 3.0
+"""Number of extra frequencies around the resonance, and how many half-power bandwidths they reach
+to each side of it."""
+
+WHITE_BAND = (0.05, 20.0)
+"""Lowest and highest frequency, over the natural frequency, at which the response to white noise is
+evaluated: outside of them lies less than 1 % of the mean square of a usual mount."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaseMotion:
+    """Motion of a base with a tabulated density: m/s^2, m/s and m rms.
+
+    Velocity and displacement are those of the table alone, so the displacement depends on the
+    lowest frequencies of the table.
+    """
+
+    acceleration_std: float
+    velocity_std: float
+    displacement_std: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Environment:
+    """The excitation of an isolator and its transmission without stops, as numbers.
+
+    Parameters
+    ----------
+    excitations
+        Numbers of each excitation of the scene, in its order: what the scene file states in other
+        units, or leaves to a profile or a file (SI units).
+    base
+        Motion of the base; None unless its acceleration is tabulated.
+    spectra
+        One row per frequency: `frequency_hz`, `base_density` ((m/s^2)^2/Hz, one-sided),
+        `transmissibility` (absolute acceleration over that of the base, no stops) and the shares of
+        the mean squares below the frequency, `displacement_share`, `velocity_share` and
+        `acceleration_share`. None unless noise moves the base and nothing else shakes the mass.
+    breakpoints
+        `frequency_hz` and `base_density` of the table where the base has exactly one; else None.
+    """
+
+    excitations: tuple[Mapping[str, float], ...]
+    base: BaseMotion | None
+    spectra: pd.DataFrame | None
+    breakpoints: pd.DataFrame | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document; the spectra are columns."""
+        return {
+            "excitations": [dict(numbers) for numbers in self.excitations],
+            "base": None if self.base is None else asdict(self.base),
+            "spectra": columns_of(self.spectra),
+            "breakpoints": columns_of(self.breakpoints),
+        }
+
+
+def columns_of(frame: pd.DataFrame | None) -> dict[str, list[Any]] | None:
+    """The columns of a table as plain lists, for JSON."""
+    return None if frame is None else {str(name): frame[name].tolist() for name in frame}
+
+
+def environment(scene: Scene) -> Environment:
+    """Describe what shakes an isolator and what its mount passes on without stops.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.excitations import TabulatedNoise
+    >>> from stochvi.scenes.structures import Isolator
+    >>> truck = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
+    >>> mount = Scene(structure=Isolator(frequency_hz=12.0, zeta=0.1), excitations=[truck])
+    >>> round(1e3 * environment(mount).base.displacement_std, 2)
+    1.57
+    """
+    model = model_of(scene)
+    tables, noisy = model.acceleration_tables, noise_on_base_alone(model)
+    breakpoints = None
+    if noisy and len(tables) == 1:
+        breakpoints = pd.DataFrame(
+            {"frequency_hz": tables[0].frequency_hz, "base_density": tables[0].density}
+        )
+    return Environment(
+        excitations=tuple(excitation.numbers() for excitation in scene.excitations),
+        base=_base_motion(tables) if noisy and tables and not model.intensity else None,
+        spectra=_spectra(model) if noisy else None,
+        breakpoints=breakpoints,
+    )
+
+
+def noise_on_base_alone(model: Model) -> bool:
+    """Whether white or tabulated noise moves the base, and no noise or sine acts on the mass."""
+    noisy = bool(model.acceleration_tables or model.intensity)
+    return noisy and model.moving_base and not model.noise_on_mass
+
+
+def _base_motion(tables: Sequence[Table]) -> BaseMotion:
+    area = sum(table.mean_square() for table in tables)
+    per = (2.0 * math.pi) ** 2
+    velocity = sum(table.moment(-2.0) for table in tables) / per
+    shift = sum(table.moment(-4.0) for table in tables) / per**2
+    return BaseMotion(
+        acceleration_std=math.sqrt(area),
+        velocity_std=math.sqrt(velocity),
+        displacement_std=math.sqrt(shift),
+    )
+
+
+def _spectra(model: Model) -> pd.DataFrame:
+    f = frequencies(model)
+    base = input_density(model, f)
+    passed = transmissibility(model, f)
+    displacement = squared_gain(f, model.omega, model.damping_rate) * base
+    return pd.DataFrame(
+        {
+            "frequency_hz": f,
+            "base_density": base,
+            "transmissibility": passed,
+            "displacement_share": _share_below(f, displacement),
+            "velocity_share": _share_below(f, (2.0 * np.pi * f) ** 2 * displacement),
+            "acceleration_share": _share_below(f, passed**2 * base),
+        }
+    )
+
+
+def _share_below(f: Vector, density: Vector) -> Vector:
+    """Share of the area of a density below each frequency, by the trapezoidal rule."""
+    areas = np.concatenate([[0.0], np.cumsum(np.diff(f) * (density[1:] + density[:-1]) / 2.0)])
+    return np.asarray(areas / areas[-1])
+
+
+def frequencies(model: Model) -> Vector:
+    """A grid over the input and the resonance, Hz."""
+    natural = model.omega / (2.0 * math.pi)
+    low = min([float(table.frequency_hz[0]) for table in model.acceleration_tables], default=0.0)
+    high = max([float(table.frequency_hz[-1]) for table in model.acceleration_tables], default=0.0)
+    if model.intensity or not model.acceleration_tables:
+        low, high = WHITE_BAND[0] * natural, max(high, WHITE_BAND[1] * natural)
+    widths = np.linspace(-RESONANCE_WIDTHS, RESONANCE_WIDTHS, RESONANCE_POINTS)
+    near = natural + model.damping_rate / math.pi * widths
+    edges = [table.frequency_hz for table in model.acceleration_tables]
+    grid = np.concatenate([np.geomspace(low, high, POINTS), near, *edges])
+    return np.unique(grid[(grid >= low) & (grid <= high)])
+
+
+def input_density(model: Model, frequency_hz: Vector) -> Vector:
+    """One-sided density of the base acceleration, (m/s^2)^2/Hz."""
+    total = np.full_like(frequency_hz, density_from_intensity(model.intensity))
+    for table in model.acceleration_tables:
+        total = total + table(frequency_hz)
+    return total
+
+
+def transmissibility(model: Model, frequency_hz: Vector) -> Vector:
+    """Absolute acceleration over base acceleration, sqrt(omega^4 + b^2 w^2) |H|."""
+    w2 = (2.0 * np.pi * frequency_hz) ** 2
+    gain = squared_gain(frequency_hz, model.omega, model.damping_rate)
+    return np.asarray(np.sqrt((model.omega**4 + model.damping_rate**2 * w2) * gain))
+
+
+# ------------------------------------------------------------------------------
+# What a page says of a scene at rest: natural frequencies, damping, and where its gaps hang.
+# ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneAtRest:
+    """Numbers of a scene without noise.
+
+    Parameters
+    ----------
+    natural_frequency_hz
+        The frequency of each mode without stops, Hz.
+    damping_ratio
+        That of one mass on its spring; None for several coordinates, or without a spring.
+    gaps
+        Where each gap rests under gravity and constant loads, by the name of its pair, m from the
+        unloaded spring; empty without a load.
+    """
+
+    natural_frequency_hz: tuple[float, ...]
+    damping_ratio: float | None
+    gaps: Mapping[str, float]
+
+
+def scene_at_rest(scene: Scene) -> SceneAtRest:
+    """Return the numbers of a scene without noise.
+
+    Examples
+    --------
+    >>> import stochvi
+    >>> mount = stochvi.Isolator(mass=1.0, frequency_hz=12.0, zeta=0.1, gravity=True)
+    >>> stops = stochvi.ImpactPair(clearance=0.01, law=stochvi.Restitution(coefficient=0.5))
+    >>> noise = stochvi.WhiteNoise(density=0.01, unit="g2/Hz")
+    >>> scene = stochvi.Scene(structure=mount, impact_pairs=[stops], excitations=[noise])
+    >>> found = scene_at_rest(scene)
+    >>> round(found.damping_ratio, 9), round(1e3 * found.gaps["stops"], 3)
+    (0.1, -1.725)
+    """
+    model = model_of(scene)
+    modes = natural_modes(model)
+    one_mass = model.rates is not None and model.omega > 0.0
+    return SceneAtRest(
+        natural_frequency_hz=tuple(mode.frequency_hz for mode in modes),
+        damping_ratio=0.5 * model.damping_rate / model.omega if one_mass else None,
+        gaps={name: gap.position for name, gap in at_rest(model)[1].items()},
+    )
+
+
+# ------------------------------------------------------------------------------
+# Linear screening:
+# ------------------------------------------------------------------------------
+
 
 OF_PEAKS = (
     "noise with fast peaks has the rms motion of Gaussian noise, for which impacts are counted "
@@ -420,3 +681,290 @@ def _accelerations(model: Model, motion: FreeMotion) -> list[float | None]:
         return [None] * len(model.outputs)
     squares = absolute_accelerations(motion.modes, motion.law, model.output_rows)
     return [math.sqrt(max(float(square), 0.0)) for square in squares]
+
+
+# ------------------------------------------------------------------------------
+# Impact rates against clearance: by Rice, by the moment closure, and by Monte Carlo.
+# ------------------------------------------------------------------------------
+
+
+SMOOTH_POINTS = 31
+"""Number of clearances of a smooth curve of impact rates."""
+
+CLOSURE_SHARE = 0.5
+"""Largest share of the time of a clearance of a curve that the moment closure may take. With many
+pairs it takes seconds, and the simulated rates matter more."""
+
+
+def clearance_notes(linear: Screening, clearances: ArrayLike) -> tuple[str, ...]:
+    """Warnings to a curve of impact rates: those of the screening, and one for each gap that a load
+    moves by more than the smallest clearance.
+
+    Parameters
+    ----------
+    linear
+        The screening of the scene.
+    clearances
+        Metres per side from the static equilibrium, as in `clearance_curve`.
+    """
+    gaps = linear.impact_pairs
+    nearest = _rows(linear, clearances).min(axis=0, initial=np.inf)
+    several = len(linear.coordinates) > 1 or len(gaps) > 1
+    sags = [
+        f"the load moves {f'the gap of {name}' if several else 'the mass'} by "
+        f"{1e3 * gap.mean:+.4g} mm, more than the clearance of {1e3 * place:.4g} mm: clearances "
+        "count from the static equilibrium, and stops placed about the unloaded spring would hold "
+        "the mass"
+        for (name, gap), place in zip(gaps.items(), nearest, strict=True)
+        if abs(gap.mean) > place
+    ]
+    return (*linear.notes, *sags)
+
+
+def unseen_notes(curve: pd.DataFrame) -> tuple[str, ...]:
+    """A sentence for each row of a `clearance_curve` whose impacts were too rare to be counted.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> row = {"clearance": 5e-3, "simulated": 0.0, "simulated_high": 0.0123}
+    >>> unseen_notes(pd.DataFrame([row]))[0][:62]
+    'at 5 mm hardly any impact was seen: the rate is at most 0.0123'
+    """
+    rare = curve[(curve["simulated"] == 0.0) & (curve["simulated_high"] > 0.0)]
+    pairs = rare["pair"] if "pair" in rare else [""] * len(rare)
+    return tuple(
+        f"at {1e3 * clearance:.4g} mm hardly any impact{f' on {pair}' if pair else ''} was seen: "
+        f"the rate is at most {most:.3g} per second; raise budget, or let reliability count what "
+        "is rare"
+        for pair, clearance, most in zip(
+            pairs, rare["clearance"], rare["simulated_high"], strict=True
+        )
+    )
+
+
+def _rows(linear: Screening, clearances: ArrayLike) -> Matrix:
+    """Clearances as rows (places, pairs)."""
+    places = np.asarray(clearances, dtype=float)
+    places = places[:, None] if places.ndim == 1 else places
+    return np.broadcast_to(places, (len(places), len(linear.impact_pairs)))
+
+
+@calculation
+@sampled(rel_error=0.02)
+def clearance_curve(
+    scene: Scene, clearances: Sequence[float] | Matrix, **options: Unpack[AccuracyOptions]
+) -> pd.DataFrame:
+    """Impact rate against clearance: by Rice, by the moment closure, and by Monte Carlo.
+
+    Parameters
+    ----------
+    scene
+        One mass or a structure, with impact pairs. The laws of the stops are kept, and all stops
+        move together.
+    clearances
+        Metres per side from the static equilibrium. With several pairs one number is for all of
+        them; a row (pairs,) gives one for each.
+    **options
+        `AccuracyOptions`: `rel_error` is that of the simulated rates, by default 0.02; the
+        clearances share the `budget` evenly.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row per clearance, and per pair where there are several (m, and in sigma of the linear
+        response): impacts per second on its stops by `rice`, `closure` and `simulated`, the last
+        with its 95 % interval (`simulated_low`, `simulated_high`), and the mean impact speed. One
+        mass also has the rms displacement, several pairs the name of the `pair`.
+
+    Raises
+    ------
+    NotConverged
+        If the budget, which is that of all clearances together, ends before each has reached
+        `rel_error`, or `Interrupted` after Ctrl-C: it carries the rows with what they reached.
+
+    See Also
+    --------
+    stochvi.size : The clearance for a target.
+    stochvi.screen : The linear answer.
+
+    Examples
+    --------
+    >>> import stochvi
+    >>> scene = stochvi.load_scene(stochvi.scenes.shipped_scene("isolator-truck"))
+    >>> table = clearance_curve(scene, [0.002, 0.003], rel_error=0.2)
+    >>> table["clearance"].tolist()
+    [0.002, 0.003]
+    """
+    if not scene.impact_pairs:
+        raise NotApplicable("clearance_curve", ["the scene needs an impact_pair, for its law"])
+    places = np.asarray(clearances, dtype=float)
+    if not np.all((places > 0.0) & np.isfinite(places)):
+        raise ValueError(f"clearances must be positive, got {places.tolist()} m")
+    linear, run = screened(scene), Run.of(options)
+    cases = [_case(scene, linear, place) for place in _rows(linear, places)]
+    rows: list[dict[str, float | str]] = []
+    short: list[str] = []
+    for number, case in enumerate(cases):
+        if number and run.deadline.passed():
+            short.append(case.words)
+            continue
+        left = len(cases) - number
+        closure = _closure_rates(case.scene, run.deadline, CLOSURE_SHARE / left)
+        part = run.part(
+            number / len(cases), (number + 1) / len(cases), case.words, run.deadline.share(1 / left)
+        )
+        try:
+            simulated = simulate(case.scene, **part.options(rel_error=run.rel_error))
+        except (NotConverged, Interrupted) as reason:
+            simulated = reason.partial
+            short.append(case.words)
+        if simulated is not None:
+            rows += case.rows(simulated, closure)
+    curve = pd.DataFrame(rows)
+    if short:
+        raise run.deadline.fell_short(
+            f"before the impacts at {', '.join(short)} were known to a relative error of "
+            f"{run.rel_error:g}",
+            "raise budget or rel_error",
+            curve if rows else None,
+        )
+    return curve
+
+
+class _Case(NamedTuple):
+    """One clearance of a curve: how messages call it, its scene, and what makes its rows from a
+    response and the rates of the closure."""
+
+    words: str
+    scene: Scene
+    rows: Callable[[Response, dict[str, float]], list[dict[str, float | str]]]
+
+
+def _case(scene: Scene, linear: Screening, place: Vector) -> _Case:
+    """The stops of all pairs, each at its clearance (pairs,)."""
+    stopped = at_clearances(scene, place)
+    words = ", ".join(dict.fromkeys(f"{1e3 * each:.4g}" for each in place))
+
+    def rows(found: Response, closure: dict[str, float]) -> list[dict[str, float | str]]:
+        predicted = _predicted(linear, place, closure)
+        return [
+            {**one, **_simulated(found, name)}
+            for one, name in zip(predicted, linear.impact_pairs, strict=True)
+        ]
+
+    return _Case(f"{words} mm", stopped, rows)
+
+
+def _predicted(
+    linear: Screening, place: Vector, closure: dict[str, float]
+) -> list[dict[str, float | str]]:
+    """A row per pair with its clearance, and its rates of impacts by Rice and by the closure."""
+    gaps = linear.impact_pairs
+    return [
+        {
+            **({"pair": name} if len(gaps) > 1 else {}),
+            "clearance": float(each),
+            "clearance_in_sigma": float(each) / (gap.displacement_std or np.nan),
+            "rice": gap.rate_at(float(each)),
+            "closure": closure.get(name, np.nan),
+        }
+        for (name, gap), each in zip(gaps.items(), place, strict=True)
+    ]
+
+
+def _simulated(found: Response, pair: str) -> dict[str, float | str]:
+    """The simulated rate of impacts of a pair with its interval, and the mean impact speed; the rms
+    displacement of an only coordinate between them."""
+    hits = found.impact_pairs[pair]
+    low, high = _interval(hits.collision_rate)
+    moved = [_value(each.displacement_std) for each in found.coordinates.values()]
+    return {
+        "simulated": _value(hits.collision_rate),
+        "simulated_low": low,
+        "simulated_high": high,
+        **({"displacement_std": moved[0]} if len(moved) == 1 else {}),
+        "impact_speed_mean": _value(hits.impact_speed_mean),
+    }
+
+
+def predicted_rates(
+    scene: Scene, clearances: ArrayLike, deadline: Deadline = NEVER
+) -> pd.DataFrame:
+    """The columns of `clearance_curve` that need no simulation.
+
+    Where the closure finds no solution, or is not begun by the deadline, its rate is left out
+    (NaN).
+    """
+    linear = screened(scene)
+    return pd.DataFrame(
+        [
+            row
+            for place in _rows(linear, clearances)
+            for row in _predicted(
+                linear,
+                place,
+                {} if deadline.passed() else _closure_rates(at_clearances(scene, place), deadline),
+            )
+        ]
+    )
+
+
+def predicted_curve(scene: Scene, curve: pd.DataFrame) -> pd.DataFrame:
+    """The columns of `predicted_rates` at many clearances in the range of a `clearance_curve`.
+
+    The closure is interpolated between the rates of the curve: the logarithm of the rate over the
+    square of the clearance, a straight line for a Gaussian motion. Solving it anew at each place
+    would take seconds after the budget of the curve is spent.
+    """
+    linear, pairs = screened(scene), curve.get("pair")
+    parts = {name: curve if pairs is None else curve[pairs == name] for name in linear.impact_pairs}
+    places = {
+        name: np.linspace(part["clearance"].min(), part["clearance"].max(), SMOOTH_POINTS)
+        for name, part in parts.items()
+    }
+    closures = {name: _between(part, places[name]) for name, part in parts.items()}
+    return pd.DataFrame(
+        [
+            row
+            for number, place in enumerate(np.transpose([*places.values()]))
+            for row in _predicted(
+                linear, place, {name: float(rates[number]) for name, rates in closures.items()}
+            )
+        ]
+    )
+
+
+def _between(curve: pd.DataFrame, places: Vector) -> Vector:
+    """Rates of the closure of one pair between the clearances of a curve; NaN beyond them."""
+    known = curve[curve["closure"] > 0.0].sort_values("clearance")
+    if len(known) < 2:
+        return np.full(len(places), np.nan)
+    rates = scipy.interpolate.PchipInterpolator(
+        known["clearance"] ** 2, np.log(known["closure"]), extrapolate=False
+    )
+    return np.asarray(np.exp(rates(places**2)))
+
+
+def _closure_rates(
+    scene: Scene, deadline: Deadline = NEVER, share: float = 1.0
+) -> dict[str, float]:
+    """Impacts per second on each pair by the moment closure; none where it finds no solution in a
+    share of the time that is left."""
+    try:
+        found = linearise(scene, budget=deadline.part(share)).impact_pairs
+    except (NotConverged, Interrupted):
+        return {}
+    return {name: _value(hits.collision_rate) for name, hits in found.items()}
+
+
+def _value(estimate: Estimate | None) -> float:
+    return np.nan if estimate is None else estimate.value
+
+
+def _interval(estimate: Estimate | None) -> tuple[float, float]:
+    assert estimate is not None
+    if estimate.upper_95 is not None:
+        return 0.0, estimate.upper_95
+    half = estimate.half_width_95()
+    return max(estimate.value - half, 0.0), estimate.value + half

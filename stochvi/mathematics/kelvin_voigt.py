@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from stochvi.mathematics.arguments import checked
+from stochvi.mathematics.units import checked
 
 __all__ = ["identify_viscoelastic"]
 

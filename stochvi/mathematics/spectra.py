@@ -8,13 +8,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.quadrature import gauss_panels
+from stochvi.mathematics.numerics import Matrix, Vector, Waves, gauss_legendre, gauss_panels
 
 NODES = 16
 """Number of Gauss-Legendre nodes in each panel of a table."""
@@ -366,3 +367,473 @@ def welch(
     density[1 : (length + 1) // 2] *= 2.0  # not at 0 Hz, nor at half the rate for an even length
     # whole frequencies stay whole, unlike those from 1 / rate
     return np.arange(length // 2 + 1) * rate / length, density
+
+
+# ------------------------------------------------------------------------------
+# Response of a linear structure of several modes to tabulated noise, by frequency.
+#
+# Modal coordinates, q'' + B q' + K q = p f with f of a one-sided density G per hertz, so that
+#
+#     H(w) = (K - w^2 + i w B)^-1 p,    E q q' = int Re(H H*) G df        (n modes, w = 2 pi f)
+#
+# Correlated sources are expressed by independent ones whose forces p depend on frequency.
+# ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class InputMatrix:
+    """Modal forces per unit of a source, as a function of frequency.
+
+    Parameters
+    ----------
+    rows
+        Forces (n, k) per unit of each of the k quantities that the source drives.
+    shares
+        Function from frequencies (Hz) to complex (frequencies, k): the quantities per unit of the
+        source.
+    breaks
+        Frequencies (Hz) at which `shares` is not smooth.
+    """
+
+    rows: Matrix
+    shares: Callable[[Vector], Waves]
+    breaks: Vector
+
+    def __call__(self, frequency_hz: Vector) -> Waves:
+        """Forces (frequencies, n) at the given frequencies."""
+        return np.asarray(self.shares(frequency_hz) @ self.rows.T)
+
+    def __rmatmul__(self, matrix: Matrix) -> InputMatrix:
+        """The same source with its forces multiplied by a matrix from the left."""
+        return InputMatrix(matrix @ self.rows, self.shares, self.breaks)
+
+    __array_ufunc__ = None  # so that numpy leaves matrix @ steering to __rmatmul__
+
+
+Force = Vector | InputMatrix
+"""Forces (n,) per unit of a source: one vector, or a function of frequency."""
+
+Tables = Sequence[tuple[Table, Force]]
+"""Each density, with the modal forces per unit of the quantity that the density describes."""
+
+NODES_OF_RESPONSE = 6
+"""Number of Gauss-Legendre nodes on each panel; panels narrow geometrically towards resonances."""
+
+AT_ONCE = 2**14
+"""Number of frequencies whose matrices are held in memory together: 100 MB for 20 modes."""
+
+NARROWEST = 1e-9
+"""Smallest width of a resonance, relative to its frequency, that panels resolve."""
+
+
+def gains(frequency_hz: Vector, stiffness: Matrix, damping: Matrix, force: Force) -> Waves:
+    """Frequency responses of the displacements to an excitation, complex (frequencies, n).
+
+    >>> still = gains(np.array([0.0]), np.diag([4.0]), np.diag([0.1]), np.array([2.0]))
+    >>> still.real.tolist()
+    [[0.5]]
+    """
+    return _gains_of_all(frequency_hz, stiffness, damping, [force])[:, :, 0]
+
+
+def _gains_of_all(
+    frequency_hz: Vector, stiffness: Matrix, damping: Matrix, forces: Sequence[Force]
+) -> Waves:
+    """`gains` of several excitations, (frequencies, n, excitations)."""
+    if len(frequency_hz) > AT_ONCE:  # a budget may end between two parts
+        parts = [
+            frequency_hz[first : first + AT_ONCE] for first in range(0, len(frequency_hz), AT_ONCE)
+        ]
+        return np.concatenate([_gains_of_all(each, stiffness, damping, forces) for each in parts])
+    w = 2.0 * np.pi * frequency_hz[:, None, None]
+    dynamic = stiffness - w**2 * np.eye(len(stiffness)) + 1j * w * damping
+    shape = (len(frequency_hz), len(stiffness))
+    pushed = [np.broadcast_to(_at(force, frequency_hz), shape) for force in forces]
+    return np.asarray(np.linalg.solve(dynamic, np.stack(pushed, axis=-1)), dtype=np.complex128)
+
+
+def _at(force: Force, frequency_hz: Vector) -> Waves:
+    """Forces of a source at the frequencies, (frequencies, n) or (n,)."""
+    if isinstance(force, InputMatrix):
+        return force(frequency_hz)
+    return force.astype(complex)
+
+
+def quadrature(tables: Tables, stiffness: Matrix, damping: Matrix) -> tuple[Vector, Vector]:
+    """Nodes (Hz) and weights over all tables, in panels that narrow towards every resonance."""
+    edges = [table.frequency_hz for table, _ in tables]
+    edges += [force.breaks for _, force in tables if isinstance(force, InputMatrix)]
+    low = float(min(table.frequency_hz[0] for table, _ in tables))
+    high = float(max(table.frequency_hz[-1] for table, _ in tables))
+    edges.append(np.geomspace(low, high, 2 + 2 * math.ceil(math.log2(high / low))))
+    for value in eigenvalues(stiffness, damping):
+        resonance = abs(value.imag) / (2.0 * math.pi)
+        width = max(abs(value.real) / (2.0 * math.pi), NARROWEST * abs(value), 1e-300)
+        reach = max(abs(high - resonance), abs(low - resonance), width)
+        offsets = width * 2.0 ** np.arange(-1.0, math.ceil(math.log2(reach / width)) + 1.0)
+        edges += [np.array([resonance]), resonance + offsets, resonance - offsets]
+    cuts = np.unique(np.concatenate(edges))
+    cuts = cuts[(cuts >= low) & (cuts <= high)]
+    return gauss_panels(cuts, NODES_OF_RESPONSE)
+
+
+def eigenvalues(stiffness: Matrix, damping: Matrix) -> Waves:
+    """Eigenvalues of the free motion q'' + B q' + K q = 0, one of each conjugate pair."""
+    n = len(stiffness)
+    companion = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -damping]])
+    found = np.linalg.eigvals(companion).astype(complex)
+    kept: Waves = found[found.imag >= 0.0]
+    return kept
+
+
+def covariance(tables: Tables, stiffness: Matrix, damping: Matrix) -> Matrix:
+    """Stationary covariance of displacements and velocities, (2n, 2n).
+
+    Examples
+    --------
+    >>> wide = Table(frequency_hz=np.array([1e-4, 1e4]), density=np.array([0.4, 0.4]))
+    >>> found = covariance([(wide, np.array([1.0]))], np.diag([1.0]), np.diag([0.1]))
+    >>> found.round(3) + 0.0
+    array([[1., 0.],
+           [0., 1.]])
+    """
+    n = len(stiffness)
+    total = np.zeros((2 * n, 2 * n))
+    if not tables:
+        return total
+    nodes, weights = quadrature(tables, stiffness, damping)
+    for first in range(0, len(nodes), AT_ONCE):
+        f, weight = nodes[first : first + AT_ONCE], weights[first : first + AT_ONCE]
+        solved = _gains_of_all(f, stiffness, damping, [force for _, force in tables])
+        for number, (table, _) in enumerate(tables):
+            moved = np.sqrt(table(f) * weight)[:, None] * solved[:, :, number]
+            both = np.hstack([moved, 2j * np.pi * f[:, None] * moved])
+            # einsum rather than a product of matrices: no thread of BLAS changes its digits
+            for part in (both.real, both.imag):
+                total += np.einsum("fi,fj->ij", part, part)
+    return total
+
+
+def beyond(
+    tables: Tables, stiffness: Matrix, damping: Matrix, rows: Matrix
+) -> tuple[Vector, Matrix]:
+    """Frequencies (Hz), and the part of the velocity variance of each `rows` . q that comes from
+    each frequency and above, (frequencies, rows)."""
+    nodes, parts = [], []
+    for table, force in tables:
+        f, weight = quadrature([(table, force)], stiffness, damping)
+        velocity = 2.0 * np.pi * f[:, None] * (gains(f, stiffness, damping, force) @ rows.T)
+        nodes.append(f)
+        parts.append((table(f) * weight)[:, None] * np.abs(velocity) ** 2)
+    order = np.argsort(np.concatenate(nodes))
+    shares = np.concatenate(parts)[order]
+    return np.concatenate(nodes)[order], np.cumsum(shares[::-1], axis=0)[::-1]
+
+
+NODES_OF_BIN = 3
+"""Number of Gauss-Legendre nodes in a bin, or in each part of a bin that a breakpoint cuts."""
+
+
+def bin_variances(table: Table, length: float, count: int) -> Vector:
+    """Variances of the noise itself in the bins k = 1 ... count - 1, as `bin_amplitudes` has them:
+    the integral of the density over each bin, and in the first that of all below."""
+    nodes, weights = gauss_legendre(NODES_OF_BIN)
+    edges = (np.arange(count) + 0.5) / length
+    cuts = np.unique(np.concatenate([edges, table.frequency_hz]))
+    cuts = cuts[(cuts >= table.frequency_hz[0]) & (cuts <= min(edges[-1], table.frequency_hz[-1]))]
+    half, middle = np.diff(cuts) / 2.0, (cuts[1:] + cuts[:-1]) / 2.0
+    owner = np.clip(np.searchsorted(edges, middle) - 1, 0, count - 2)
+    parts = half * np.sum(weights[:, None] * table(middle + half * nodes[:, None]), axis=0)
+    return np.asarray(np.bincount(owner, parts, count - 1), float)
+
+
+def bin_amplitudes(
+    table: Table, force: Force, stiffness: Matrix, damping: Matrix, length: float, count: int
+) -> tuple[Waves, Matrix]:
+    """Amplitudes B of the bins k = 1 ... count - 1, and the contributions of each bin to E q'^2.
+
+    Both are (count - 1, n). Bin k reaches from (k - 1/2) / length to (k + 1/2) / length. |B|^2 is
+    the integral of |H|^2 G over the bin, so that a table that ends within a bin loses nothing. The
+    phases, which relate the modes to each other, are those of H in the middle of the bin. The
+    density below the first bin is added to it.
+    """
+    nodes, weights = gauss_legendre(NODES_OF_BIN)
+    edges = (np.arange(count) + 0.5) / length
+    low, high = float(table.frequency_hz[0]), float(table.frequency_hz[-1])
+    breaks = [force.breaks] if isinstance(force, InputMatrix) else []
+    cuts = np.unique(np.concatenate([edges, table.frequency_hz, *breaks]))
+    cuts = cuts[(cuts >= low) & (cuts <= min(edges[-1], high))]
+    squares, velocities = np.zeros((2, count - 1, len(stiffness)))
+    half, middle = np.diff(cuts) / 2.0, (cuts[1:] + cuts[:-1]) / 2.0
+    owner = np.clip(np.searchsorted(edges, middle) - 1, 0, count - 2)
+    for node, weight in zip(nodes, weights, strict=True):
+        f = middle + half * node
+        share = (half * weight * table(f))[:, None]
+        share = share * np.abs(gains(f, stiffness, damping, force)) ** 2
+        np.add.at(squares, owner, share)
+        np.add.at(velocities, owner, (2.0 * np.pi * f[:, None]) ** 2 * share)
+    turned = gains(np.arange(1, count) / length, stiffness, damping, force)
+    size = np.abs(turned)
+    phase = np.divide(turned, size, out=np.ones_like(turned), where=size > 0.0)
+    return phase * np.sqrt(squares), velocities
+
+
+# ------------------------------------------------------------------------------
+# Linear systems driven by white noise, s' = A s + noise: exact steps and stationary covariance.
+# ------------------------------------------------------------------------------
+
+
+DOUBLINGS_FROM = 0.5
+"""Largest norm of A h for which a step is computed directly; longer ones are found by doubling."""
+
+
+def transition(generator: Matrix, step: float) -> Matrix:
+    """exp(A h), (n, n).
+
+    >>> transition(np.array([[0.0, 1.0], [0.0, 0.0]]), 2.0)
+    array([[1., 2.],
+           [0., 1.]])
+    """
+    exponential: Matrix = scipy.linalg.expm(generator * step)
+    return exponential
+
+
+def step_covariance(generator: Matrix, noise: Matrix, step: float) -> Matrix:
+    """Covariance that white noise brings in over a step, (n, n).
+
+    Q(h) = int_0^h exp(A s) N exp(A' s) ds, from one matrix exponential (C. F. Van Loan, IEEE
+    Trans. Autom. Control 23 (1978) 395) over a short step, and Q(2h) = Q(h) + exp(A h) Q(h)
+    exp(A' h). The matrix exponential contains exp(-A h), which grows with h, and is therefore
+    taken over the short step only.
+
+    Parameters
+    ----------
+    generator, noise
+        A and the intensity matrix N, E w w' = N delta.
+
+    Examples
+    --------
+    >>> step_covariance(np.array([[-0.5]]), np.array([[1.0]]), 100.0)
+    array([[1.]])
+    """
+    size = len(generator)
+    norm = float(np.linalg.norm(generator, 1)) * step
+    doublings = max(0, int(np.ceil(np.log2(norm / DOUBLINGS_FROM)))) if norm > 0.0 else 0
+    short = step / 2.0**doublings
+    block = np.zeros((2 * size, 2 * size))
+    scale = float(np.max(np.abs(noise))) or 1.0  # its size depends on its unit
+    block[:size, :size], block[:size, size:] = -generator, noise / scale
+    block[size:, size:] = generator.T
+    grown = scipy.linalg.expm(block * short)
+    forward = grown[size:, size:].T
+    covariance = scale * (forward @ grown[:size, size:])
+    for _ in range(doublings):
+        covariance = covariance + forward @ covariance @ forward.T
+        forward = forward @ forward
+    return np.asarray((covariance + covariance.T) / 2.0, float)
+
+
+def stationary_covariance(generator: Matrix, noise: Matrix) -> Matrix:
+    """Solution of A P + P A' + N = 0 for a stable A, (n, n).
+
+    >>> oscillator = np.array([[0.0, 1.0], [-1.0, -0.1]])
+    >>> stationary_covariance(oscillator, np.diag([0.0, 0.2])).round(12) + 0.0
+    array([[1., 0.],
+           [0., 1.]])
+    """
+    solution = scipy.linalg.solve_continuous_lyapunov(generator, -noise)
+    return np.asarray((solution + solution.T) / 2.0, float)
+
+
+def square_root(covariance: Matrix, tolerance: float) -> Matrix:
+    """Columns L with L L' equal to a covariance, one for each independent noise.
+
+    Eigenvalues of the correlations below `tolerance` times the largest one are left out, and
+    correlations below it: rounding must not choose the axes of independent states.
+
+    >>> square_root(np.diag([4.0, 0.0]), 1e-12)
+    array([[2.],
+           [0.]])
+    """
+    own = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    size = np.where(own > 0.0, own, 1.0)
+    correlations = covariance / np.outer(size, size)
+    np.fill_diagonal(correlations, own > 0.0)
+    correlations[np.abs(correlations) < tolerance] = 0.0
+    values, vectors = np.linalg.eigh(correlations)
+    kept = values > tolerance * max(float(values[-1]), 0.0)
+    signs = np.sign(vectors[np.abs(vectors).argmax(axis=0), np.arange(len(vectors))])
+    columns: Matrix = size[:, None] * (vectors * signs * np.sqrt(np.maximum(values, 0.0)))[:, kept]
+    return columns[:, ::-1]
+
+
+# ------------------------------------------------------------------------------
+# Growth of the moments of linear systems whose coefficients are random or periodic.
+#
+#     x' = (A + sum_j xi_j(t) B_j) x
+#
+# Its moments of one order p, E x^(p), follow the same kind of equation with the Kronecker sums of A
+# and B_j. A modulation xi is a function of a process of its own: of a phase that turns, or of a
+# filter that noise drives. Moments times the functions of a basis of that process follow a constant
+# matrix, whose rightmost eigenvalue is the rate of growth. White noise has no process: in the sense
+# of Stratonovich it adds S B^2 / 2 to the matrix.
+# ------------------------------------------------------------------------------
+
+
+FIRST_ORDER, LARGEST_SIZE = 6, 1000
+"""First order of the bases, and the largest size of a matrix whose eigenvalues are sought."""
+
+AT_ENDS = 1e-6
+"""Share of an eigenvector at the ends of a basis, from which on it is one of the cut."""
+
+SETTLED = 1e-7
+"""Change of the growth between an order and a half more, relative to the norm of A, up to which it
+has converged."""
+
+
+class WhiteChange(NamedTuple):
+    """White noise, E xi(t) xi(t + tau) = intensity delta(tau), in the sense of Stratonovich.
+
+    Parameters
+    ----------
+    matrix, intensity : B, and S, s.
+    """
+
+    matrix: Matrix
+    intensity: float
+
+
+class SineChange(NamedTuple):
+    """A sine of an amplitude and a frequency omega (rad/s), with a random phase."""
+
+    matrix: Matrix
+    amplitude: float
+    omega: float
+
+    def operators(self, order: int) -> tuple[Matrix, Matrix]:
+        """Generator and xi on the functions exp(i k phase), k = -order .. order."""
+        turns = np.arange(-order, order + 1)
+        near = np.eye(len(turns), k=1) + np.eye(len(turns), k=-1)
+        return np.diag(1j * self.omega * turns), 0.5 * self.amplitude * near
+
+
+class FilteredChange(NamedTuple):
+    """White noise of an intensity through a resonance, xi'' + b xi' + w^2 xi = w^2 noise.
+
+    Parameters
+    ----------
+    matrix, omega, damping_rate, intensity : B, w, rad/s, b, 1/s, and S, s.
+    """
+
+    matrix: Matrix
+    omega: float
+    damping_rate: float
+    intensity: float
+
+    def operators(self, order: int) -> tuple[Matrix, Matrix]:
+        """Generator and xi on products of normed Hermite polynomials of xi and xi' / w, up to a
+        degree."""
+        index = {(i, d - i): k for k, (d, i) in enumerate(
+            (d, i) for d in range(order + 1) for i in range(d + 1))}  # fmt: skip
+        lower_u, lower_w = np.zeros((2, len(index), len(index)))
+        for (i, j), k in index.items():
+            if i:
+                lower_u[index[i - 1, j], k] = np.sqrt(i)
+            if j:
+                lower_w[index[i, j - 1], k] = np.sqrt(j)
+        turning = lower_w.T @ lower_u - lower_u.T @ lower_w
+        generator = self.omega * turning - self.damping_rate * lower_w.T @ lower_w
+        size = np.sqrt(self.omega**2 * self.intensity / (2.0 * self.damping_rate))
+        return generator, size * (lower_u + lower_u.T)
+
+
+Change = WhiteChange | SineChange | FilteredChange
+"""A coefficient that changes."""
+
+
+def moment_growth(system: Matrix, changes: Sequence[Change], power: int) -> float | None:
+    """Rate at which the moments of an order grow in the long run, 1/s.
+
+    Parameters
+    ----------
+    system
+        A (n, n), 1/s.
+    changes
+        xi_j and B_j of what changes.
+    power
+        The order of the moments: 1 for means, 2 for mean squares.
+
+    Returns
+    -------
+    float or None
+        The rate; below 0 where the moments decay. None where no basis of a bearable size suffices.
+
+    Examples
+    --------
+    White noise on the spring of x'' + b x' + w^2 (1 + xi) x = 0: mean squares neither grow nor
+    decay at w^2 S = 2 b.
+
+    >>> system, spring = np.array([[0.0, 1.0], [-4.0, -0.2]]), np.array([[0.0, 0.0], [-4.0, 0.0]])
+    >>> abs(moment_growth(system, [WhiteChange(spring, 0.1)], 2)) < 1e-12
+    True
+    """
+    order, before, white = FIRST_ORDER, math.inf, all(isinstance(c, WhiteChange) for c in changes)
+    while True:
+        found = _growth(system, changes, power, order)
+        if found is None or white or abs(found - before) <= SETTLED * np.linalg.norm(system, 2):
+            return found
+        order, before = order + order // 2, found
+
+
+def _growth(system: Matrix, changes: Sequence[Change], power: int, order: int) -> float | None:
+    """The rightmost eigenvalue with bases of one order; None if the matrix is too large.
+
+    A sine has all turns, of which the basis is a part. What lives at its ends is left out: it is of
+    the cut, and of no motion.
+    """
+    moments = _lifted(system, power)
+    coloured = [each for each in changes if not isinstance(each, WhiteChange)]
+    for each in changes:
+        if isinstance(each, WhiteChange):
+            lifted = _lifted(each.matrix, power)
+            moments = moments + 0.5 * each.intensity * lifted @ lifted
+    bases = [each.operators(order) for each in coloured]
+    units = [np.eye(len(generator)) for generator, _ in bases]
+    if len(moments) * math.prod(len(unit) for unit in units) > LARGEST_SIZE:
+        return None
+    total, ends = _product(*units, moments), np.zeros(1, bool)
+    for number, (each, (generator, size)) in enumerate(zip(coloured, bases, strict=True)):
+        for own, last in (
+            (generator.T, np.eye(len(moments))), (size.T, _lifted(each.matrix, power))
+        ):  # fmt: skip
+            factors = [*units[:number], own, *units[number + 1 :], last]
+            total = total + _product(*factors)
+        cut = np.zeros(len(generator), bool)
+        if isinstance(each, SineChange):
+            cut[[0, 1, -2, -1]] = True
+        ends = (ends[:, None] | cut).ravel()
+    values, vectors = np.linalg.eig(total)
+    weights = np.abs(vectors) ** 2
+    inside = weights[np.repeat(ends, len(moments))].sum(axis=0) <= AT_ENDS * weights.sum(axis=0)
+    return float(np.max(values.real[inside], initial=-math.inf))
+
+
+def _product(*factors: Matrix) -> Matrix:
+    """The Kronecker product of all factors."""
+    found: Matrix = np.eye(1)
+    for factor in factors:
+        found = np.asarray(np.kron(found, factor))
+    return found
+
+
+def _lifted(matrix: Matrix, power: int) -> Matrix:
+    """The matrix for all products of `power` of the variables."""
+    products = list(combinations_with_replacement(range(len(matrix)), power))
+    index = {product: number for number, product in enumerate(products)}
+    found = np.zeros((len(products), len(products)))
+    for row, product in enumerate(products):
+        for k, factor in enumerate(product):
+            for j in np.flatnonzero(matrix[factor]):
+                other = tuple(sorted((*product[:k], int(j), *product[k + 1 :])))
+                found[row, index[other]] += matrix[factor, j]
+    return found

@@ -15,20 +15,246 @@ motion as the acceleration -a.
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import inspect
 import itertools
 import math
+import numbers
+import os
 import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stochvi.mathematics.arguments import shown
+from stochvi.mathematics.numerics import ROUNDING
 
 if TYPE_CHECKING:
     import pint
+
+
+# ------------------------------------------------------------------------------
+# Checks of plain arguments against their annotations: what is wrong is said in a sentence.
+# ------------------------------------------------------------------------------
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+MOST_SHOWN = 60
+"""Largest number of characters of a wrong value that a message repeats."""
+
+LARGEST_WHOLE = 2**63
+"""Whole numbers below this one fit into the numbers of compiled code."""
+
+LARGEST_NUMBER = 10**300
+"""Whole numbers below this one can be converted to numbers of double precision."""
+
+
+def shown(value: object) -> str:
+    """A wrong value as a message repeats it: its beginning, whatever it is.
+
+    >>> shown("x" * 100)[-8:], shown(10**5000)
+    ('xxxxx...', 'something of type int')
+    """
+    try:
+        text = "an array" if isinstance(value, np.ndarray) else " ".join(repr(value).split())
+    except Exception:  # what cannot be shown is named
+        text = f"something of type {type(value).__name__}"
+    return text if len(text) <= MOST_SHOWN else text[: MOST_SHOWN - 3] + "..."
+
+
+def _wrong(name: str, wanted: str, value: object) -> ValueError:
+    return ValueError(f"{name} must be {wanted}, got {shown(value)}")
+
+
+def _check_number(name: str, value: object) -> None:
+    known = isinstance(value, numbers.Real)
+    if not known or (isinstance(value, int) and abs(value) >= LARGEST_NUMBER):
+        raise _wrong(name, "a number", value)
+
+
+def _check_whole(name: str, value: object) -> None:
+    if not isinstance(value, numbers.Integral):
+        raise _wrong(name, "a whole number", value)
+    if not -LARGEST_WHOLE <= int(value) < LARGEST_WHOLE:
+        raise _wrong(name, "a whole number below 2^63", value)
+
+
+def _check_numbers(name: str, value: object) -> None:
+    try:
+        array = np.asarray(value)
+        known = array.dtype.kind in "biuf" or (array.dtype.kind == "O" and _all_real(array))
+        if known:
+            array.astype(float)
+    except (TypeError, ValueError, OverflowError):  # ragged, or too large
+        known = False
+    if not known:
+        raise _wrong(name, "numbers", value)
+
+
+def _all_real(array: np.ndarray[Any, Any]) -> bool:
+    return all(isinstance(each, numbers.Real) for each in array.ravel())
+
+
+def _check_row(name: str, value: object) -> None:
+    _check_numbers(name, value)
+    if np.ndim(value) != 1:  # type: ignore[arg-type]
+        raise _wrong(name, "a list of numbers", value)
+
+
+def _check_rows(name: str, value: object) -> None:
+    _check_numbers(name, value)
+    if np.ndim(value) == 0:  # type: ignore[arg-type]
+        raise _wrong(name, "a list of numbers", value)
+
+
+def _check_texts(name: str, value: object) -> None:
+    several = isinstance(value, Sequence) and not isinstance(value, str)
+    if not several or not all(isinstance(each, str) for each in value):  # type: ignore[attr-defined]
+        raise _wrong(name, "a list of texts", value)
+
+
+def _is_a(kind: type | tuple[type, ...], wanted: str) -> Callable[[str, object], None]:
+    def check(name: str, value: object) -> None:
+        if not isinstance(value, kind):
+            raise _wrong(name, wanted, value)
+
+    return check
+
+
+def _check_table(name: str, value: object) -> None:
+    if not isinstance(value, Mapping):
+        raise _wrong(name, "a table of names and values", value)
+    for key, each in value.items():
+        _check_row(f"{name} of {shown(key)}", each)
+
+
+def _named(kind: str, said: str = "") -> Callable[[str, object], None]:
+    """A check for a class that this room does not know, which messages may call otherwise."""
+    said = said or kind
+    wanted = f"an {said}" if said[0] in "AEIOU" else f"a {said}"
+
+    def check(name: str, value: object) -> None:
+        if kind not in [each.__name__ for each in type(value).__mro__]:
+            raise _wrong(name, wanted, value)
+
+    return check
+
+
+def _check_callable(name: str, value: object) -> None:
+    if not callable(value):
+        raise _wrong(name, "a function", value)
+
+
+CHECKS: dict[str, Callable[[str, Any], None]] = {
+    "float": _check_number,
+    "int": _check_whole,
+    "str": _is_a(str, "a text"),
+    "ArrayLike": _check_numbers,
+    "Sequence[float]": _check_row,
+    "Sequence[float] | Matrix": _check_rows,
+    "Sequence[str]": _check_texts,
+    "str | Path": _is_a((str, os.PathLike), "the name of a file"),
+    "Progress": _check_callable,
+    "Mapping[str, Sequence[float]]": _check_table,
+    "Mapping[str, float]": _is_a(Mapping, "a table of names and numbers"),
+    **{
+        f"Mapping[str, {kind}]": _is_a(Mapping, f"a table of names and values of {kind}")
+        for kind in ("Scene", "Spread", "Statistic")
+    },
+    **{kind: _named(kind) for kind in ("Sizing", "Problem", "Estimate", "Tolerances", "Axes")},
+    "Excitation": _named("BaseExcitation", "Excitation"),
+}
+"""Checks of arguments by their annotation, which may also allow None."""
+
+LEFT_OUT = " | None"
+"""End of the annotation of an argument that may be left out."""
+
+
+def _checks_of(function: Callable[..., Any]) -> dict[str, tuple[Callable[[str, Any], None], bool]]:
+    """The check of each plain argument, and whether it may be None."""
+    checks = {}
+    for name, each in inspect.signature(function).parameters.items():
+        kind = each.annotation
+        kind = kind if isinstance(kind, str) else inspect.formatannotation(kind)
+        plain = kind.removesuffix(LEFT_OUT)
+        if plain.startswith("Callable["):
+            plain = "Progress"
+        if plain in CHECKS:
+            checks[name] = CHECKS[plain], kind.endswith(LEFT_OUT)
+    return checks
+
+
+def argument_checker(function: Callable[..., Any]) -> Callable[..., inspect.BoundArguments]:
+    """A function that checks the arguments of a call of `function`, and returns them.
+
+    It raises ValueError, or TypeError where arguments are missing or unknown. Whole numbers too
+    large for numpy are returned in double precision where any number is allowed.
+    """
+    signature, checks = inspect.signature(function), _checks_of(function)
+
+    def check(*args: Any, **kwargs: Any) -> inspect.BoundArguments:
+        bound = signature.bind(*args, **kwargs)
+        given = bound.arguments
+        for name, (raise_if_wrong, optional) in checks.items():
+            if name in given and not (optional and given[name] is None):
+                several = signature.parameters[name].kind is inspect.Parameter.VAR_POSITIONAL
+                for each in given[name] if several else (given[name],):
+                    raise_if_wrong(name, each)
+                if isinstance(given[name], int) and abs(given[name]) >= LARGEST_WHOLE:
+                    given[name] = float(given[name])
+        return bound
+
+    return check
+
+
+def checked(function: Callable[P, T]) -> Callable[P, T]:
+    """A function whose plain arguments are checked.
+
+    >>> @checked
+    ... def twice(number: float) -> float:
+    ...     return 2.0 * number
+    >>> twice("a")
+    Traceback (most recent call last):
+    ValueError: number must be a number, got 'a'
+    """
+    check = argument_checker(function)
+
+    @functools.wraps(function)
+    def run(*args: P.args, **kwargs: P.kwargs) -> T:
+        bound = check(*args, **kwargs)
+        return function(*bound.args, **bound.kwargs)
+
+    return run
+
+
+def check_methods(kind: type) -> None:
+    """Let the public methods of a class check their plain arguments, as `checked` does.
+
+    >>> class Scale:
+    ...     def twice(self, number: float) -> float:
+    ...         return 2.0 * number
+    >>> check_methods(Scale)
+    >>> Scale().twice([1.0])
+    Traceback (most recent call last):
+    ValueError: number must be a number, got [1.0]
+    """
+    for name, each in list(vars(kind).items()):
+        if not name.startswith("_") and inspect.isfunction(each) and _checks_of(each):
+            setattr(kind, name, checked(each))
+
+
+# ------------------------------------------------------------------------------
+# Conversion factors of units, and the conventions of spectral densities.
+# ------------------------------------------------------------------------------
+
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of gravity, m/s^2: exact by definition (CGPM 1901)."""
@@ -398,3 +624,254 @@ def plain_number(value: Any) -> Any:
     (64, 'a')
     """
     return value.item() if isinstance(value, np.generic) else value
+
+
+# ------------------------------------------------------------------------------
+# The units in which quantities are shown: usual ones, or those that a reader has chosen.
+#
+# All numbers inside the package are in SI units. A table, a sentence or a picture asks a quantity
+# for the number to show, and for the name of its unit:
+#
+# >>> f"{LENGTH(0.0045):.4g} {LENGTH}", LENGTH.text(0.0045)
+# ('4.5 mm', '4.5 mm')
+# >>> with shown_in(units_of("in")):
+# ...     f"clearance ({LENGTH})", LENGTH.text(0.0045)
+# ('clearance (in)', '0.1772 in')
+# ------------------------------------------------------------------------------
+
+
+class Size(NamedTuple):
+    """The name of a unit, and its size in SI units."""
+
+    name: str
+    si: float
+
+
+Choice = Mapping[str, Size]
+"""Chosen units by quantity."""
+
+CHOICES = {
+    "length": ("mm", "µm", "cm", "m", "in", "mil", "ft"),
+    "acceleration": ("g", "m/s²", "in/s²", "ft/s²"),
+    "speed": ("m/s", "cm/s", "mm/s", "in/s", "ft/s"),
+    "force": ("N", "kN", "lbf"),
+    "stiffness": ("N/m", "N/mm", "lbf/in"),
+    "energy": ("J", "mJ", "in lbf"),
+    "time": ("s", "ms", "min", "h"),
+    "rate": ("1/s", "1/min", "1/h"),
+    "frequency": ("Hz",),
+    "acceleration density": ("g²/Hz", "(m/s²)²/Hz"),
+}
+"""Units in which each quantity can be shown."""
+
+SECONDS = {"1/s": "second", "1/min": "minute", "1/h": "hour"}
+"""Times in words by the unit of a rate."""
+
+
+def units_of(text: str) -> Choice:
+    """The units of a list with commas, such as "mm, g".
+
+    An acceleration brings its density: with m/s², densities are in (m/s²)²/Hz.
+
+    Raises
+    ------
+    ValueError
+        If a unit is not among `CHOICES`, or two are of the same quantity.
+
+    Examples
+    --------
+    >>> units_of("in, per hour")["rate"].name, units_of("in/s^2")["acceleration density"].name
+    ('1/h', '(in/s²)²/Hz')
+    """
+    found: dict[str, Size] = {}
+    for word in filter(None, map(str.strip, text.split(","))):
+        quantity, size = _chosen_by(word)
+        if found.setdefault(quantity, size) != size:
+            raise ValueError(
+                f"must name one unit of {quantity}, got {found[quantity].name} and {size.name}"
+            )
+    if "acceleration" in found:
+        found.setdefault("acceleration density", _power(found["acceleration"], 2, "/Hz"))
+    return found
+
+
+def _chosen_by(word: str) -> tuple[str, Size]:
+    """The quantity and the unit of `CHOICES` that a word stands for."""
+    with contextlib.suppress(ValueError):
+        wanted = unit(re.sub(r"^(?:per |/)\s*", "1/", word))
+        for quantity, names in CHOICES.items():
+            for name in names:
+                # 1/s and Hz are of one dimension: a rate of impacts is not a frequency
+                if unit(name).same(wanted) and ("Hz" in name) == ("hz" in word.lower()):
+                    return quantity, Size(name, unit(name).factor)
+    known = ", ".join(name for names in CHOICES.values() for name in names)
+    raise ValueError(f"must be of {known}, got {word!r}")
+
+
+def _power(size: Size, power: int, per: str = "") -> Size:
+    """A power of a unit, per hertz if `per` says so."""
+    if power == 1:
+        return Size(size.name + per, size.si)
+    name = f"({size.name})" if "/" in size.name else size.name
+    return Size(f"{name}²{per}", size.si**power)
+
+
+USUAL: Choice = MappingProxyType({})
+"""No choice: every quantity is shown in its usual unit."""
+
+_choice: ContextVar[Choice] = ContextVar("shown_units", default=USUAL)
+
+
+@contextlib.contextmanager
+def shown_in(units: Choice) -> Iterator[None]:
+    """Within this context quantities are shown in these units; without any, in the usual ones."""
+    before = _choice.set(units)
+    try:
+        yield
+    finally:
+        _choice.reset(before)
+
+
+def units_are_chosen() -> bool:
+    """Whether a reader has chosen units."""
+    return bool(_choice.get())
+
+
+@dataclass(frozen=True)
+class ShownQuantity:
+    """A quantity as it is shown: called with an SI number, it gives the number to show.
+
+    Parameters
+    ----------
+    quantity
+        Its name in `CHOICES`; a name that is not there keeps its unit.
+    usual
+        The unit in which it is shown unless another one is chosen.
+    power, per
+        The power of the quantity, and "/Hz" of a density over frequency.
+    """
+
+    quantity: str
+    usual: Size
+    power: int = 1
+    per: str = ""
+
+    @property
+    def chosen(self) -> Size | None:
+        """The chosen unit; None without a choice."""
+        found = _choice.get().get(self.quantity)
+        return None if found is None else _power(found, self.power, self.per)
+
+    @property
+    def shown(self) -> Size:
+        """The unit that is shown."""
+        return self.chosen or self.usual
+
+    def __call__(self, value: Any) -> Any:
+        """A number, an array, a column or an estimate in SI units in the unit that is shown; what
+        is not known (None) stays so."""
+        if isinstance(value, list | tuple):
+            value = np.asarray(value)
+        return None if value is None else value * (1.0 / self.shown.si)
+
+    def __str__(self) -> str:
+        return self.shown.name
+
+    def text(self, value: float, form: str = ".4g") -> str:
+        """A number with its unit."""
+        return f"{self(value):{form}} {self}"
+
+    def span(self, low: float, high: float, form: str = ".4g") -> str:
+        """Two numbers with their unit: "4.8 to 5 mm"."""
+        return f"{self(low):{form}} to {self.text(high, form)}"
+
+    def rounded_up(self, value: float, step: float) -> str:
+        """A number, rounded up to the power of ten of the unit that is at most `step` (SI).
+
+        >>> LENGTH.rounded_up(0.0044999, 1e-4)
+        '4.5 mm'
+        """
+        places = self._places(step)
+        number = math.ceil(self(value) * 10.0**places * (1.0 - ROUNDING)) / 10.0**places
+        return f"{number:.{places}f} {self}"
+
+    def step_of(self, step: float) -> str:
+        """The power of ten of the unit to which `rounded_up` rounds."""
+        places = self._places(step)
+        return f"{10.0**-places:.{places}f} {self}"
+
+    def _places(self, step: float) -> int:
+        return max(math.ceil(math.log10(self.shown.si / step) - ROUNDING), 0)
+
+    def heading(self, words: str, more: str = "") -> str:
+        """Words with the unit in brackets, and `more` behind it; a mere number has no unit."""
+        return f"{words} ({self}{more})" if str(self) else words
+
+    @property
+    def inverse(self) -> str:
+        """The unit of a density of its probability: s/m of a speed."""
+        above, _, below = str(self).partition("/")
+        return f"{below or 1}/{above}"
+
+    @property
+    def time(self) -> str:
+        """The time of a rate in words: "impacts per hour"."""
+        return SECONDS[str(self)]
+
+
+LENGTH = ShownQuantity("length", Size("mm", 1e-3))
+METRES = ShownQuantity("length", Size("m", 1.0))
+"""A length where a table is in SI units."""
+
+ACCELERATION = ShownQuantity("acceleration", Size("g", STANDARD_GRAVITY))
+SI_ACCELERATION = ShownQuantity("acceleration", Size("m/s²", 1.0))
+"""An acceleration where a table is in SI units."""
+
+SPEED = ShownQuantity("speed", Size("m/s", 1.0))
+FORCE = ShownQuantity("force", Size("N", 1.0))
+STIFFNESS = ShownQuantity("stiffness", Size("N/m", 1.0))
+ENERGY = ShownQuantity("energy", Size("J", 1.0))
+TIME = ShownQuantity("time", Size("s", 1.0))
+MILLISECONDS = ShownQuantity("time", Size("ms", 1e-3))
+"""A time of contact."""
+
+RATE = ShownQuantity("rate", Size("1/s", 1.0))
+HOURLY = ShownQuantity("rate", Size("1/h", 1.0 / 3600.0))
+"""A rate where impacts are rare."""
+
+DENSITY = ShownQuantity("acceleration density", Size("g²/Hz", STANDARD_GRAVITY**2))
+"""A density of acceleration over frequency."""
+
+MILLIRADIANS = ShownQuantity("angle", Size("mrad", 1e-3))
+NUMBER = ShownQuantity("number", Size("", 1.0))
+PERCENT = ShownQuantity("share", Size("%", 0.01))
+
+BY_SI_UNIT = {
+    "m": ("length", 1, ""), "m^2": ("length", 2, ""), "m^2/Hz": ("length", 2, "/Hz"),
+    "m/s": ("speed", 1, ""), "m^2/s^2": ("speed", 2, ""), "(m/s)^2/Hz": ("speed", 2, "/Hz"),
+    "m/s^2": ("acceleration", 1, ""), "m/s2": ("acceleration", 1, ""),
+    "(m/s^2)^2/Hz": ("acceleration density", 1, ""), "N": ("force", 1, ""), "J": ("energy", 1, ""),
+    "N/m": ("stiffness", 1, ""), "s": ("time", 1, ""), "1/s": ("rate", 1, ""),
+}  # fmt: skip
+"""Quantity and power by the SI unit of a table."""
+
+
+def shown_as(si_unit: str) -> ShownQuantity:
+    """The quantity of an SI unit, shown in that unit unless another one is chosen; what has no
+    choice, such as rad, keeps its unit.
+
+    >>> with shown_in(units_of("mm")):
+    ...     [str(shown_as(each)) for each in ("m^2", "rad")], shown_as("m^2")(1.0)
+    (['mm²', 'rad'], 1000000.0)
+    """
+    quantity, power, per = BY_SI_UNIT.get(si_unit, (si_unit, 1, ""))
+    return ShownQuantity(quantity, Size(si_unit, 1.0), power, per)
+
+
+def readable(si_unit: str) -> ShownQuantity:
+    """The quantity of an SI unit, lengths in mm and accelerations in g unless others are chosen.
+
+    >>> str(readable("m")), str(readable("1/s"))
+    ('mm', '1/s')
+    """
+    return {"m": LENGTH, "m/s^2": ACCELERATION}.get(si_unit) or shown_as(si_unit)

@@ -1,12 +1,4 @@
-from . import (
-    averaging,
-    closed_form,
-    fokker_planck,
-    linearisation,
-    monte_carlo,
-    periodic,
-    replay,
-)
+from . import averaging, closed_form, fokker_planck, linearisation, monte_carlo, periodic, replay
 
 __all__ = [
     "averaging",

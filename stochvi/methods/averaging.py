@@ -11,10 +11,8 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.quadrature import gauss_panels
-from stochvi.model.build_response import StationaryMoments
-from stochvi.model.calculations import calculation
+from stochvi.mathematics.numerics import Vector, gauss_panels
+from stochvi.model.build_response import StationaryMoments, density_spans, with_bounds
 from stochvi.model.coverage import beyond_one_oscillator, compliant, not_white, without_dissipation
 from stochvi.model.energy_law import (
     CONTINUOUS,
@@ -24,11 +22,11 @@ from stochvi.model.energy_law import (
     EnergyLaw,
     energy_law,
 )
-from stochvi.model.error_atlas import density_spans, with_bounds
 from stochvi.model.gap import Gap
 from stochvi.model.model import Model, model_of
+from stochvi.results.base import Response
 from stochvi.results.errors import NotApplicable
-from stochvi.results.response import Response
+from stochvi.sampling.calculations import calculation
 from stochvi.scenes.scene import Scene
 
 __all__ = ["VARIANTS", "AveragedDensity", "average", "average_density", "unmet"]

@@ -12,10 +12,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from stochvi.mathematics.arrays import Matrix, Vector
-from stochvi.mathematics.frequency_response import Tables
-from stochvi.mathematics.frequency_response import covariance as tabulated_covariance
-from stochvi.mathematics.state_space import stationary_covariance
+from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.mathematics.spectra import Tables, stationary_covariance
+from stochvi.mathematics.spectra import covariance as tabulated_covariance
 
 RIGID_BODY = 1e-13
 """Eigenvalue, relative to the largest one, below which it is a rounding error and is set to 0."""

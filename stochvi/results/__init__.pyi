@@ -1,3 +1,4 @@
+from .base import CoordinateResponse, PairResponse, Response
 from .errors import (
     CheckpointError,
     Interrupted,
@@ -8,7 +9,6 @@ from .errors import (
     StochviError,
 )
 from .estimates import Cost, Estimate
-from .response import CoordinateResponse, PairResponse, Response
 
 __all__ = [
     "CheckpointError",

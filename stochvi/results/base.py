@@ -4,20 +4,283 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import cache
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, cast
 
 import numpy as np
 
-from stochvi.mathematics.arguments import check_methods
-from stochvi.mathematics.shown_units import USUAL, shown_in, units_of
-from stochvi.results.estimates import Cost
-from stochvi.results.plots import drawn
+from stochvi.mathematics.units import (
+    ACCELERATION,
+    LENGTH,
+    MILLIRADIANS,
+    SPEED,
+    USUAL,
+    ShownQuantity,
+    check_methods,
+    shown_as,
+    shown_in,
+    units_are_chosen,
+    units_of,
+)
+from stochvi.results.estimates import (
+    BIAS,
+    BIAS_ERROR,
+    ERROR,
+    LIMIT,
+    Cost,
+    Estimate,
+    format_with_error,
+)
+from stochvi.results.plots import densities_of, drawn
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
+
+
+# ------------------------------------------------------------------------------
+# Units of the quantities of a response.
+# ------------------------------------------------------------------------------
+
+
+QUANTITY_UNITS = {
+    "displacement_mean": "m",
+    "displacement_std": "m",
+    "displacement_mean_square": "m^2",
+    "velocity_std": "m/s",
+    "velocity_mean_square": "m^2/s^2",
+    "acceleration_std": "m/s^2",
+    "upcrossing_rate": "1/s",
+    "collision_rate": "1/s",
+    "collision_rate_lower": "1/s",
+    "collision_rate_upper": "1/s",
+    "impact_speed_mean": "m/s",
+    "impact_speed_rate": "m/s^2",
+    "impact_speed_square_rate": "m^2/s^3",
+    "peak_force": "N",
+    "contact_probability": "1",
+    "contact_force_lower": "N",
+    "contact_force_upper": "N",
+    "relative_displacement_mean": "m",
+    "relative_displacement_std": "m",
+    "relative_velocity_std": "m/s",
+}
+"""Units of all quantities of a coordinate, then of an impact pair."""
+
+ROTATIONS = ("rx", "ry", "rz")
+"""Coordinates of a rigid body that are angles, rad."""
+
+
+def in_angles(owner: str, unit: str) -> str:
+    """The unit of a quantity of a coordinate: radians stand for metres where it is an angle.
+
+    >>> in_angles("z", "m/s"), in_angles("ry", "m^2/s^2")
+    ('m/s', 'rad^2/s^2')
+    """
+    return unit.replace("m", "rad", 1) if owner in ROTATIONS else unit
+
+
+ANGULAR = {
+    LENGTH: MILLIRADIANS, SPEED: shown_as("rad/s"), ACCELERATION: shown_as("rad/s^2")
+}  # fmt: skip
+"""Quantities of an angle by those of a displacement."""
+
+
+def of_angle(owner: str, quantity: ShownQuantity) -> ShownQuantity:
+    """A quantity of a coordinate as it is shown: that of an angle where the coordinate is one.
+
+    >>> of_angle("rx", LENGTH).text(0.0036), of_angle("x", LENGTH).text(0.0036)
+    ('3.6 mrad', '3.6 mm')
+    """
+    return ANGULAR.get(quantity, quantity) if owner in ROTATIONS else quantity
+
+
+def unit_of(owner: str, name: str) -> str:
+    """The unit of a quantity; none of a statistic, whose function has a unit of its own."""
+    return in_angles(owner, QUANTITY_UNITS[name]) if name in QUANTITY_UNITS else ""
+
+
+# ------------------------------------------------------------------------------
+# The quantities by which the hardest impact of a mission is judged: the one list of them.
+# ------------------------------------------------------------------------------
+
+
+IMPACT_SPEED, PEAK_ACCELERATION = "impact_speed", "peak_acceleration"
+
+UNIT_OF_LIMIT = {IMPACT_SPEED: "m/s", PEAK_ACCELERATION: "m/s^2"}
+"""SI unit of a limit by the event that an impact exceeds it."""
+
+
+def is_speed(event: str) -> bool:
+    """Whether the hardness of an impact is its speed, for an event with a limit; else it is a peak
+    acceleration.
+
+    >>> is_speed("impact_speed"), is_speed("peak_acceleration")
+    (True, False)
+    """
+    return unit_of_limit(event) == UNIT_OF_LIMIT[IMPACT_SPEED]
+
+
+def unit_of_limit(event: str) -> str:
+    """The SI unit of the limit of an event; `ValueError` for one that has no limit."""
+    if event not in UNIT_OF_LIMIT:
+        raise ValueError(
+            f"event must be {' or '.join(map(repr, UNIT_OF_LIMIT))}, got {event!r}; how hard an "
+            "impact is by others is not known"
+        )
+    return UNIT_OF_LIMIT[event]
+
+
+# ------------------------------------------------------------------------------
+# Units in the names of the columns of CSV files, `clearance_m` and `impact_speed_m_s`, and tables
+# in the units that a reader has chosen.
+# ------------------------------------------------------------------------------
+
+
+SUFFIXES = {
+    "m": "m", "m^2": "m2", "m/s": "m_s", "m/s^2": "m_s2", "m^2/s^2": "m2_s2", "m^2/s^3": "m2_s3",
+    "1/s": "per_s", "s": "s", "N": "N", "Hz": "Hz", "kg": "kg", "dB": "dB", "km/h": "km_h",
+    "N s/m": "N_s_m", "N/m": "N_m", "g": "g", "mm": "mm",
+}  # fmt: skip
+"""Spelling of units in the names of columns; a unit that is not listed, such as 1, is left out of
+the name."""
+
+COLUMN_UNITS = {
+    **QUANTITY_UNITS,
+    "clearance": "m", "sigma": "m", "play": "m", "shift": "m", "rattle_space": "m",
+    "displacement": "m", "displacement_min": "m", "displacement_max": "m",
+    "velocity": "m/s", "speed": "m/s", "impact_speed": "m/s", "impact_speed_max": "m/s",
+    "jolt": "m/s", "acceleration": "m/s^2", "base_acceleration": "m/s^2",
+    "acceleration_rms": "m/s^2", "acceleration_max": "m/s^2", "largest_acceleration": "m/s^2",
+    "wall_acceleration_largest": "m/s^2", "response_rms": "m/s^2", "extreme_response": "m/s^2",
+    "cumulative_rms": "m/s^2", "extreme_lower": "m/s^2", "extreme_upper": "m/s^2",
+    "shock_typical": "m/s^2", "shock_worst": "m/s^2",
+    "wall_force": "N", "wall_force_peak": "N", "wall_force_largest": "N",
+    "stiffness": "N/m", "time": "s", "duration": "s", "contact_time": "s", "life_time": "s",
+    "rice": "1/s", "closure": "1/s", "simulated": "1/s", "rice_rate": "1/s",
+    "first_hit_rate": "1/s", "hit_rate": "1/s", "exceedance_rate": "1/s", "lyapunov": "1/s",
+}  # fmt: skip
+"""Units of the columns of tables by their names."""
+
+DENSITY_UNITS = {"equivalent_density": "(m/s^2)^2/Hz", "fatigue_damage": "(m/s)^b"}
+"""Units that files for programs state and names of columns do not."""
+
+ENDING = re.compile(
+    r"(?:_(?:low|high|error|standard_error|bias|without_stops|without))*"
+    rf"(?:\.(?:{ERROR}|{BIAS}|{BIAS_ERROR}|{LIMIT}))?$"
+)
+"""Pattern of the end of a column that holds a bound or an error of another column; it stands behind
+its name and unit."""
+
+OF_A_VALUE = ("value", ERROR, BIAS, BIAS_ERROR, LIMIT, "lower", "upper", "95 % from", "to")
+"""Columns of the unit that a row states."""
+
+
+def with_unit(name: str, unit: str) -> str:
+    """The name of a column with its unit.
+
+    >>> with_unit("stops.impact_speed_mean", "m/s"), with_unit("hits", "1")
+    ('stops.impact_speed_mean_m_s', 'hits')
+    """
+    suffix = SUFFIXES.get(unit)
+    return f"{name}_{suffix}" if suffix else name
+
+
+def named_with_units(table: pd.DataFrame) -> pd.DataFrame:
+    """A table in SI units with the units of its columns in their names.
+
+    >>> import pandas as pd
+    >>> list(named_with_units(pd.DataFrame(columns=["clearance", "hit_rate_low", "note"])))
+    ['clearance_m', 'hit_rate_per_s_low', 'note']
+    """
+    return table.rename(columns={str(name): _named(str(name)) for name in table})
+
+
+def unit_of_column(column: str) -> str | None:
+    """The SI unit of a column whose name does not state it; None where it is not known.
+
+    >>> unit_of_column("extreme_response_bias_without_stops"), unit_of_column("equivalent_density")
+    ('m/s^2', '(m/s^2)^2/Hz')
+    """
+    name, _ = _parts(column)
+    return {**COLUMN_UNITS, **DENSITY_UNITS}.get(name)
+
+
+def _parts(column: str) -> tuple[str, str]:
+    """The name of a column, and its ending."""
+    ending = ENDING.search(column)
+    assert ending is not None
+    return column[: ending.start()], ending[0]
+
+
+def _named(column: str) -> str:
+    name, ending = _parts(column)
+    unit = COLUMN_UNITS.get(name)
+    return column if unit is None else with_unit(name, unit) + ending
+
+
+def in_chosen_units(table: pd.DataFrame, units: Mapping[str, str] = {}) -> pd.DataFrame:
+    """A table of SI numbers in the units that a reader has chosen; without a choice, as it is.
+
+    `units` are SI units of columns whose name does not tell.
+
+    A column is converted if its unit is known, by its name or by its row, and a unit of its
+    quantity is chosen. Its name, or the `unit` of the row, then states that unit. All others stay
+    in SI units.
+
+    >>> import pandas as pd
+    >>> from stochvi.mathematics.units import shown_in, units_of
+    >>> with shown_in(units_of("mm")):
+    ...     in_chosen_units(pd.DataFrame({"clearance": [0.004], "time_s": [1.0]}))
+       clearance_mm  time_s
+    0           4.0     1.0
+    """
+    if not units_are_chosen():
+        return table
+    found = table.copy()
+    if "unit" in found:
+        for unit in set(found["unit"]):
+            quantity = shown_as(str(unit))
+            rows = found["unit"] == unit
+            numbers = [name for name in OF_A_VALUE if name in found]
+            found.loc[rows, numbers] = quantity(found.loc[rows, numbers].astype(float))
+            found.loc[rows, "unit"] = str(quantity)
+        return found
+    names = {}
+    for column in map(str, table):
+        name, known, ending = _quantity_of(column, units)
+        if known is not None and known.chosen is not None:
+            found[column] = known(found[column])
+            names[column] = f"{name}_{_suffix(str(known))}{ending}"
+    return found.rename(columns=names)
+
+
+def _quantity_of(column: str, units: Mapping[str, str]) -> tuple[str, ShownQuantity | None, str]:
+    """The name of a column without its unit, its quantity where that is known, and its ending."""
+    name, ending = _parts(column)
+    if any(part in ROTATIONS for part in name.split(".")[:-1]):
+        return name, None, ending
+    for known, suffix in sorted(SUFFIXES.items(), key=lambda each: -len(each[1])):
+        if name.endswith(f"_{suffix}"):
+            return name.removesuffix(f"_{suffix}"), shown_as(known), ending
+    unit = units.get(name) or COLUMN_UNITS.get(name)
+    return name, None if unit is None else shown_as(unit), ending
+
+
+def _suffix(unit: str) -> str:
+    """A unit in the name of a column: "in_s2" of in/s², "per_h" of 1/h."""
+    plain = unit.replace("²", "2").replace("µ", "u").replace("1/", "per_")
+    return re.sub(r"\W+", "_", plain).strip("_")
+
+
+# ------------------------------------------------------------------------------
+# The base of every answer:
+# ------------------------------------------------------------------------------
+
 
 COMMON = ("warnings", "cost", "provenance", "interrupted")
 """Fields that every answer has; they come last in documents."""
@@ -96,7 +359,6 @@ class Result:
         --------
         Result.to_frame : The table in SI units.
         """
-        from stochvi.results.column_units import in_chosen_units
 
         with shown_in(units_of(units)):
             return in_chosen_units(self.to_frame())
@@ -200,3 +462,295 @@ def total_cost(costs: Iterable[Cost]) -> Cost:
         paths=sum(each.paths for each in known),
         threads=max((each.threads for each in known), default=1),
     )
+
+
+# ------------------------------------------------------------------------------
+# The stationary response of a scene: the one form in which every method answers.
+# ------------------------------------------------------------------------------
+
+
+Quantity = TypeVar("Quantity", covariant=True)
+
+
+class Quantities(Mapping[str, Quantity]):
+    """Quantities by name, as attributes and as a mapping; None if a method does not give one."""
+
+    def __getitem__(self, name: str) -> Quantity:
+        if name not in self._names():
+            raise KeyError(f"{name}; known: {', '.join(self._names())}")
+        return cast(Quantity, getattr(self, name))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names())
+
+    def __len__(self) -> int:
+        return len(self._names())
+
+    def _names(self) -> Sequence[str]:
+        return _names_of(type(self))
+
+
+@cache
+def _names_of(kind: Any) -> tuple[str, ...]:
+    """Names of the fields of a class."""
+    return tuple(each.name for each in fields(kind))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoordinateResponse(Quantities[Estimate | None]):
+    """The stationary motion of one coordinate.
+
+    `response.coordinates["x"].displacement_std` and `response.coordinates["x"]["displacement_std"]`
+    are the same.
+
+    Parameters
+    ----------
+    displacement_mean, displacement_std, displacement_mean_square
+        Moments of the displacement, m, m and m^2; positions are measured from the unloaded spring.
+    velocity_std, velocity_mean_square
+        Moments of the velocity, m/s and m^2/s^2.
+    acceleration_std
+        Standard deviation of the absolute acceleration, m/s^2; with rigid stops, of the motion
+        between impacts. None where it is infinite or not known.
+    upcrossing_rate
+        Rate of upcrossings of the mean, 1/s.
+
+    See Also
+    --------
+    stochvi.Response : The answer that holds it.
+    """
+
+    displacement_mean: Estimate | None = None
+    displacement_std: Estimate | None = None
+    displacement_mean_square: Estimate | None = None
+    velocity_std: Estimate | None = None
+    velocity_mean_square: Estimate | None = None
+    acceleration_std: Estimate | None = None
+    upcrossing_rate: Estimate | None = None
+
+
+NEVER_ZERO = (
+    "collision_rate", "collision_rate_lower", "collision_rate_upper", "impact_speed_rate",
+    "impact_speed_square_rate", "contact_probability", "contact_force_lower", "contact_force_upper",
+)  # fmt: skip
+"""Quantities of a stop that are above 0 however far it is: where a formula gives 0, they are less
+than the smallest number of double precision, which then is their bias."""
+
+
+def _has_error(found: Estimate) -> bool:
+    """Whether a number has an error or an upper limit, or one that is not known."""
+    return bool(found.standard_error or found.bias is None or found.bias or found.upper_95)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairResponse(Quantities[Estimate | float | None]):
+    """The impacts of one impact pair.
+
+    Parameters
+    ----------
+    collision_rate, collision_rate_lower, collision_rate_upper
+        Rates of impacts faster than `speed_threshold`, 1/s: of all impacts, and of those on the
+        lower and the upper stop. For compliant stops, the rates at which contacts begin.
+    impact_speed_mean
+        F1 over the rate, m/s. F1 sums all impacts, the rate only those above `speed_threshold`: at
+        the default threshold this exceeds the mean speed of the counted ones by less than 0.1 % at
+        R >= 0.5. Where the mass rests at a stop of R = 0.1 it is 3 %.
+    impact_speed_rate, impact_speed_square_rate
+        Sums per second of the impact speeds, F1 in m/s^2, and of their squares, F2 in m^2/s^3.
+    peak_force
+        Mean over contacts of the largest force, N; for compliant stops only.
+    contact_probability, contact_force_lower, contact_force_upper
+        For compliant stops only: the share of time in contact, and the mean forces on the lower and
+        the upper stop, N. A mass is in contact while it is beyond the stop, even if the stop does
+        not push yet; contact with a stop that loses energy ends when its force returns to zero.
+    relative_displacement_mean, relative_displacement_std, relative_velocity_std
+        Motion of the gap, m and m/s. A pair of two coordinates has the motion of the first relative
+        to the second; a place of a rigid body has its motion along the direction of the pair.
+    speed_threshold
+        The slowest impact that the rates count, m/s.
+
+    See Also
+    --------
+    stochvi.Response : The answer that holds it.
+    """
+
+    collision_rate: Estimate | None = None
+    collision_rate_lower: Estimate | None = None
+    collision_rate_upper: Estimate | None = None
+    impact_speed_mean: Estimate | None = None
+    impact_speed_rate: Estimate | None = None
+    impact_speed_square_rate: Estimate | None = None
+    peak_force: Estimate | None = None
+    contact_probability: Estimate | None = None
+    contact_force_lower: Estimate | None = None
+    contact_force_upper: Estimate | None = None
+    relative_displacement_mean: Estimate | None = None
+    relative_displacement_std: Estimate | None = None
+    relative_velocity_std: Estimate | None = None
+    speed_threshold: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in NEVER_ZERO:
+            found = getattr(self, name)
+            if found is not None and found.value == 0.0 and not _has_error(found):
+                # the attributes of a frozen class
+                object.__setattr__(self, name, replace(found, bias=sys.float_info.min))
+
+    def _names(self) -> Sequence[str]:
+        """Names of the quantities, without the relative motion where the gap is a coordinate."""
+        return [
+            name
+            for name in super()._names()
+            if not (name.startswith("relative_") and getattr(self, name) is None)
+        ]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Response(Result):
+    """The stationary response of a scene by one method.
+
+    `coordinates` and `impact_pairs` map the name of a coordinate or pair to its quantities, which
+    may be given as any mapping from their names. `identities` holds the residuals of the energy,
+    virial and force balances, which are zero for a correct answer. `statistics` holds the means of
+    functions of one's own (`stochvi.Statistic`), in the units of the functions.
+
+    See Also
+    --------
+    stochvi.simulate : The response by Monte Carlo.
+    stochvi.check : Responses by several methods, compared.
+
+    Examples
+    --------
+    >>> import stochvi
+    >>> scene = stochvi.load_scene(stochvi.scenes.shipped_scene("oscillator-elastic"))
+    >>> response = stochvi.exact(scene)
+    >>> round(response.coordinates["x"]["velocity_std"].value, 3)
+    1.0
+    >>> response.to_frame().columns[:4].tolist()
+    ['method', 'of', 'quantity', 'unit']
+    """
+
+    method: str
+    coordinates: Mapping[str, CoordinateResponse]
+    impact_pairs: Mapping[str, PairResponse]
+    identities: Mapping[str, Estimate] = field(default_factory=dict)
+    statistics: Mapping[str, Estimate] = field(default_factory=dict)
+    effects: Sequence[str] = ()
+    assumptions: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        for name, record in (("coordinates", CoordinateResponse), ("impact_pairs", PairResponse)):
+            group = {
+                owner: each if isinstance(each, record) else record(**each)
+                for owner, each in getattr(self, name).items()
+            }
+            object.__setattr__(self, name, group)
+
+    def _document(self) -> dict[str, Any]:
+        """The fields by name, without statistics where none was asked for."""
+        left_out = () if self.statistics else ("statistics",)
+        return {name: each for name, each in super()._document().items() if name not in left_out}
+
+    def estimates(self) -> dict[tuple[str, str], Estimate]:
+        """Every estimate that exists, keyed by (coordinate or pair, quantity)."""
+        found: dict[tuple[str, str], Estimate] = {}
+        owners: list[tuple[str, Mapping[str, Any]]] = [
+            *self.coordinates.items(),
+            *self.impact_pairs.items(),
+        ]
+        for owner, quantities in owners:
+            for name, estimate in quantities.items():
+                if isinstance(estimate, Estimate):
+                    found[owner, name] = estimate
+        found.update({("statistics", name): each for name, each in self.statistics.items()})
+        return found
+
+    def densities(self) -> Mapping[str, Any]:
+        """Densities of the coordinate, or of every gap, of a simulation or of averaging, by name.
+
+        They are calculated when this is called. Those of a simulation take some seconds at most,
+        with the seed of the answer, and have 95 % bands. Those of averaging have bands from the
+        atlas of its errors. There are none of other methods.
+
+        Returns
+        -------
+        Mapping[str, BandedDensity or AveragedBins]
+            Each with its `edges`, `density` and `bands()`; simulated ones with `standard_error`.
+
+        Raises
+        ------
+        NotApplicable
+            Where the answer comes from a file and its scene has a Python function, or a file that
+            is not there any more.
+
+        See Also
+        --------
+        stochvi.simulate : The simulation whose densities they are; its `plot` draws them.
+        """
+        known = self.method.partition(":")[0] in ("simulate", "average")
+        return densities_of(self) if known else {}
+
+    def changed(self, change: Callable[[str, Estimate], Estimate]) -> Self:
+        """The response with every estimate replaced by `change(quantity, estimate)`."""
+
+        def record(known: Any) -> Any:
+            found = {
+                name: change(name, each)
+                for name, each in known.items()
+                if isinstance(each, Estimate)
+            }
+            return replace(known, **found)
+
+        return replace(
+            self,
+            coordinates={owner: record(each) for owner, each in self.coordinates.items()},
+            impact_pairs={owner: record(each) for owner, each in self.impact_pairs.items()},
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """A tidy table, one row per quantity."""
+        import pandas as pd
+
+        rows = [
+            {
+                "method": self.method,
+                "of": owner,
+                "quantity": name,
+                "unit": unit_of(owner, name),
+                **estimate.to_dict(),
+                "bias_error": estimate.bias_error,
+            }
+            for (owner, name), estimate in self.estimates().items()
+        ]
+        return pd.DataFrame(rows)
+
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any]) -> Self:
+        """The response whose JSON document this is; a ValueError if it is not such a document."""
+
+        def estimates(entries: Mapping[str, Any]) -> dict[str, Any]:
+            return {
+                name: Estimate(**item) if isinstance(item, dict) else item
+                for name, item in entries.items()
+            }
+
+        parts = dict(document)
+        try:
+            for group in ("coordinates", "impact_pairs"):
+                parts[group] = {owner: estimates(part) for owner, part in parts[group].items()}
+            parts["identities"] = estimates(parts["identities"])
+            parts["statistics"] = estimates(parts.get("statistics", {}))
+            return cls(**parts | {"cost": Cost(**parts["cost"])})
+        except (AttributeError, KeyError, TypeError) as error:
+            raise ValueError(
+                "expected the document of a response, as Response.to_dict makes it; a part of this "
+                f"one is missing or has another name: {error}"
+            ) from error
+
+    def __repr__(self) -> str:
+        lines = [f"<{self.method}"]
+        for (owner, name), estimate in self.estimates().items():
+            value = format_with_error(estimate.value, estimate.standard_error)
+            unit = f" {known}" if (known := unit_of(owner, name)) else ""
+            lines.append(f"  {owner}.{name} = {value}{unit}{estimate.bias_in_words}")
+        return "\n".join(lines) + ">"

@@ -5,21 +5,380 @@ from __future__ import annotations
 import importlib.metadata
 import math
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from numbers import Real
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal, Self
 
-from stochvi.results.intervals import (
-    CONFIDENCE,
-    GAUSSIAN_95,
-    events_suffice,
-    most_events,
-    normal_quantile,
-    reach,
-    student_factor,
-)
+import numpy as np
+from scipy.special import betaincinv, gammaincinv, ndtri, stdtr, stdtrit
+
+from stochvi.mathematics.numerics import Array
+
+# ------------------------------------------------------------------------------
+# Confidence intervals and the propagation of statistical errors, in one place.
+#
+# Everything that states an error of sampled numbers takes it from here. The module has quantiles of
+# the normal and of Student's distribution, and intervals of means, counts and probabilities. It has
+# the jackknife, and the delta method for functions of means over independent paths.
+# ------------------------------------------------------------------------------
+
+
+CONFIDENCE = 0.95
+"""Confidence level of the intervals that the package reports, unless the user names another."""
+
+GAUSSIAN_95 = 1.959963984540054
+"""Half width of the central 95 % interval of a normal distribution, in standard deviations."""
+
+GRADIENT_STEP = 1e-3
+"""Step of the central differences of the delta method, in standard errors of each mean. With a step
+of a whole standard error, a rate would reach 0 where a single path has all impacts."""
+
+LARGEST_SCORE = 37.0
+"""Distance from the mean, in standard errors, beyond which the probability of a normal variable is
+0 in double precision."""
+
+
+FEWEST_SAMPLES = 8
+"""Smallest number of independent samples whose scatter gives an interval: Student's quantile is
+then 2.36."""
+
+FEWEST_CLUSTERS = 5
+"""Smallest number of independent clusters from which the rate of events gets an interval. That of
+the logarithm then covers the rate, of clusters with one event or with an exponential number, 94 to
+98 times in 100 for any number of samples from `FEWEST_SAMPLES` on."""
+
+ENOUGH_SAMPLES = 64
+"""Number of independent samples from which a standard error passes for known: Student's quantile is
+then 2 % above the normal one."""
+
+
+# Quantiles ---------------------------------------------------------------------------------
+
+
+def normal_quantile(outside: float) -> float:
+    """Distance from the mean, in standard deviations, that a normal variable exceeds on either side
+    with the probability `outside`.
+
+    >>> round(normal_quantile(0.0027), 3)
+    3.0
+    """
+    return -float(ndtri(outside / 2.0))
+
+
+def student_quantile(outside: float, degrees: float) -> float:
+    """Quantile of Student's distribution: the `normal_quantile` for a standard error that was
+    estimated.
+
+    The standard error has `degrees` degrees of freedom; with infinitely many the law is normal.
+
+    >>> round(student_quantile(0.0027, 63.0), 3), round(student_quantile(0.0027, math.inf), 3)
+    (3.123, 3.0)
+    """
+    if math.isinf(degrees):
+        return normal_quantile(outside)
+    return -float(stdtrit(degrees, outside / 2.0))
+
+
+def normal_score(difference: float, standard_error: float, degrees: float) -> float | None:
+    """The normal score with the same probability as a difference in estimated standard errors.
+
+    `degrees` are the degrees of freedom of the standard error. None where nothing was sampled.
+
+    >>> round(normal_score(3.122, 1.0, 63.0), 2)
+    3.0
+    """
+    if standard_error <= 0.0:
+        return None
+    away = abs(difference) / standard_error
+    if not math.isinf(degrees):
+        tail = float(stdtr(degrees, -away))
+        away = -float(ndtri(tail)) if tail > 0.0 else math.inf
+        away = min(away, LARGEST_SCORE)
+    return math.copysign(away, difference)
+
+
+def student_factor(samples: int) -> float:
+    """Factor on a standard error from so many independent samples that makes the normal 95 %
+    interval Student's; 1 from `ENOUGH_SAMPLES` on, and infinite for a single sample.
+
+    >>> round(student_factor(8), 3), student_factor(64)
+    (1.206, 1.0)
+    """
+    if samples < 2 or samples >= ENOUGH_SAMPLES:
+        return 1.0 if samples > 1 else math.inf
+    return student_quantile(1.0 - CONFIDENCE, samples - 1.0) / GAUSSIAN_95
+
+
+def satterthwaite_degrees(errors: Sequence[float], counts: Sequence[int]) -> float:
+    """Degrees of freedom of the standard error of a sum or difference (F. E. Satterthwaite 1946)
+
+        (s1^2 + s2^2)^2 / (s1^4 / (n1 - 1) + s2^4 / (n2 - 1)),
+
+    with s the standard errors of independent terms, from n samples each; infinite where nothing was
+    sampled.
+
+    >>> satterthwaite_degrees([0.1, 0.1], [11, 41])
+    32.0
+    """
+    sampled = [(e, n - 1) for e, n in zip(errors, counts, strict=True) if e > 0.0 and n > 1]
+    largest = max((error for error, _ in sampled), default=0.0)
+    shares = [((error / largest) ** 2, degrees) for error, degrees in sampled]
+    if not shares:
+        return math.inf
+    return sum(share for share, _ in shares) ** 2 / sum(
+        share**2 / degrees for share, degrees in shares
+    )
+
+
+# Intervals ---------------------------------------------------------------------------------
+
+
+def reach(quantile: float, errors: Iterable[float], biases: Iterable[float]) -> float:
+    """Distance from a number, or a difference of numbers, to the end of its interval,
+
+        quantile * sqrt(sum of errors^2) + sum of biases.
+
+    `errors` are independent standard errors: that of each value, and where its bias was sampled as
+    well that of the bias. `biases` are bounds on, or estimates of, systematic errors. They add up,
+    because their signs are not known. Whatever makes an interval, or judges a difference, by all
+    errors of an `Estimate` takes it from here.
+
+    >>> round(reach(2.0, [0.3, 0.4], [0.1, 0.2]), 12)
+    1.3
+    """
+    return quantile * math.hypot(*errors) + sum(biases)
+
+
+def logarithmic_interval(
+    value: float, error: float, degrees: float, confidence: float = CONFIDENCE, bias: float = 0.0
+) -> tuple[float, float]:
+    """Student's interval of the logarithm of a positive number, value exp(-+ t error / value).
+
+    A bias moves both ends outwards. The lower end is never below 0. For a value of 0 the interval
+    is (0, infinity).
+
+    >>> [round(end, 3) for end in logarithmic_interval(1.0, 0.1, 19)]
+    [0.811, 1.233]
+    """
+    if value <= 0.0:
+        return 0.0, math.inf
+    reach = student_quantile(1.0 - confidence, degrees) * error / value
+    return max(value * math.exp(-reach) - bias, 0.0), value * math.exp(reach) + bias
+
+
+def poisson_interval(
+    events: int, exposure: float, confidence: float = CONFIDENCE
+) -> tuple[float, float]:
+    """Exact interval of the rate of a Poisson process, 1/s, from the number of events in `exposure`
+    seconds (F. Garwood 1936).
+
+    >>> [round(end, 4) for end in poisson_interval(0, 1.0)]
+    [0.0, 3.6889]
+    """
+    tail = 0.5 * (1.0 - confidence)
+    low = float(gammaincinv(events, tail)) if events else 0.0
+    return low / exposure, float(gammaincinv(events + 1.0, 1.0 - tail)) / exposure
+
+
+def binomial_interval(
+    events: int, trials: int, confidence: float = CONFIDENCE,
+    rule: Literal["clopper-pearson", "wilson"] = "clopper-pearson",
+) -> tuple[float, float]:  # fmt: skip
+    """Interval of a probability from the number of events in independent trials.
+
+    The interval of C. J. Clopper and E. S. Pearson (1934) covers the probability at least as often
+    as its confidence level states, that of E. B. Wilson (1927) about as often.
+
+    >>> [round(end, 4) for end in binomial_interval(0, 10)]
+    [0.0, 0.3085]
+    """
+    tail, missed = 0.5 * (1.0 - confidence), trials - events
+    if rule == "wilson":
+        share, weight = events / trials, normal_quantile(2.0 * tail) ** 2 / trials
+        half = math.sqrt(weight * (share * (1.0 - share) + 0.25 * weight))
+        middle = share + 0.5 * weight
+        return (middle - half) / (1.0 + weight), (middle + half) / (1.0 + weight)
+    low = float(betaincinv(events, missed + 1.0, tail)) if events else 0.0
+    return low, float(betaincinv(events + 1.0, missed, 1.0 - tail)) if missed else 1.0
+
+
+def upper_limit_unseen(exposure: float, confidence: float = CONFIDENCE) -> float:
+    """Upper confidence limit of a Poisson rate after no event in `exposure` seconds, 1/s.
+
+    It is the rate at which no event is seen with the probability 1 - confidence.
+
+    >>> round(upper_limit_unseen(1.0), 4)
+    2.9957
+    """
+    return -math.log1p(-confidence) / exposure
+
+
+def clusters(value: float, error: float, samples: int) -> float:
+    """Number of independent clusters that a sum of events over independent samples is worth.
+
+    It is 1 / e^2, e the relative standard error: the number of clusters if all are of one size,
+    fewer if some clusters hold most of the events (L. Kish 1965). It is no more than a quarter of
+    `FEWEST_CLUSTERS` for each sample, as the scatter of few samples may be small by chance.
+
+    >>> clusters(6.0, 2.0, 100), clusters(6.0, 0.0, 2)
+    (9.0, 2.5)
+    """
+    most = 0.25 * FEWEST_CLUSTERS * samples
+    return min((value / error) ** 2, most) if error > 0.0 else most
+
+
+def events_suffice(value: float, error: float, samples: int) -> bool:
+    """Whether events were seen in enough independent samples and clusters for an interval of their
+    rate; else an upper limit alone can be stated (`most_events`)."""
+    return samples >= FEWEST_SAMPLES and clusters(value, error, samples) >= FEWEST_CLUSTERS
+
+
+def most_events(value: float, error: float, samples: int, confidence: float = CONFIDENCE) -> float:
+    """Upper limit of a mean number of events, seen in few clusters of unknown size.
+
+    Upper limit of the number of k clusters (Poisson), times the upper limit of the mean size where
+    sizes have an exponential distribution: the limit holds at least as often as its confidence
+    level states, as both seldom err to the same side.
+
+    >>> most_events(1.0, 1.0, 100) > 20.0
+    True
+    """
+    known, tail = clusters(value, error, samples), 1.0 - confidence
+    return value * float(gammaincinv(known + 1.0, confidence) / gammaincinv(known, tail))
+
+
+# Standard errors ---------------------------------------------------------------------------
+
+
+def mean_and_error(samples: Array) -> tuple[float, float]:
+    """Mean of independent samples with its standard error."""
+    return float(samples.mean()), float(samples.std(ddof=1)) / math.sqrt(len(samples))
+
+
+def jackknife_error(left_out: Array) -> Any:
+    """Standard error of a statistic by the jackknife.
+
+    `left_out` holds, along its last axis, the values f_i of the statistic without sample i of n
+    independent samples: s^2 = (n - 1) / n sum (f_i - mean f)^2 (B. Efron and C. Stein, Ann.
+    Statist. 9 (1981) 586). It holds for any smooth function of means. The result is a number for
+    one row of values, else an array.
+    """
+    count = left_out.shape[-1]
+    away = left_out - left_out.mean(axis=-1, keepdims=True)
+    errors = np.sqrt((count - 1) / count * np.sum(away**2, axis=-1))
+    return float(errors) if left_out.ndim == 1 else errors
+
+
+def jackknife_ratio(
+    above: Array, below: Array, function: Callable[[Any], Any] = lambda ratio: ratio
+) -> tuple[float, float]:
+    """A function of the ratio of two sums over independent samples, and its standard error.
+
+    The error comes from the jackknife. The samples of `above` and `below` are pairs, which may be
+    correlated.
+
+    >>> jackknife_ratio(np.array([2.0, 4.0]), np.array([1.0, 2.0]))
+    (2.0, 0.0)
+    """
+    left_out = (above.sum() - above) / (below.sum() - below)
+    error = jackknife_error(np.asarray(function(left_out)))
+    return float(function(above.sum() / below.sum())), error
+
+
+def ratio_and_error(above: Array, below: Array) -> tuple[float, float]:
+    """The ratio of two sums over independent samples, and its standard error to first order."""
+    count, total = len(above), float(below.sum())
+    value = float(above.sum()) / total
+    scatter = float(np.sum((above - value * below) ** 2)) * count / (count - 1)
+    return value, math.sqrt(scatter) / total
+
+
+def neighbours(mean: Array, covariance: Array) -> Iterator[tuple[int, Any, Array, Array]]:
+    """For every row of the means that has an error: its number, the step of its central difference,
+    and the means with this row raised and lowered by the step."""
+    for row in range(len(mean)):
+        # where other rows explain this one wholly, its variance is 0 up to rounding
+        step = GRADIENT_STEP * np.sqrt(np.maximum(covariance[row, row], 0.0))
+        if np.any(step):
+            offset = np.zeros_like(mean)
+            offset[row] = step
+            yield row, step, mean + offset, mean - offset
+
+
+def delta_method(
+    function: Callable[[Array], Any], mean: Array, covariance: Array
+) -> tuple[Any, Any]:
+    """A smooth function of means, and its standard error to first order.
+
+    Parameters
+    ----------
+    function
+        Function of means of the shape (rows, ...) that returns values of the shape (...).
+    mean, covariance
+        (rows, ...) and (rows, rows, ...): the means, and the covariance of their errors.
+
+    Returns
+    -------
+    value, error
+        Of the shape (...).
+    """
+    gradient = np.zeros_like(mean)
+    for row, step, above, below in neighbours(mean, covariance):
+        change = np.asarray(function(above) - function(below))
+        gradient[row] = np.divide(change, 2.0 * step, out=np.zeros_like(step), where=step > 0.0)
+    if mean.ndim == 1:
+        variance = gradient @ covariance @ gradient
+        return function(mean), math.sqrt(max(float(variance), 0.0))
+    variance = np.einsum("r...,rs...,s...->...", gradient, covariance, gradient)
+    return function(mean), np.sqrt(np.maximum(variance, 0.0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PathMoments:
+    """Count, means and scatter of quantities that are computed for each of many independent paths.
+
+    Parameters
+    ----------
+    count
+        Number of independent paths.
+    mean
+        (rows, ...) means over the paths.
+    scatter
+        (rows, rows, ...) sums over the paths of products of deviations from the means.
+    """
+
+    count: int
+    mean: Array
+    scatter: Array
+
+    def merge(self, other: Self) -> Self:
+        """Moments of both groups of paths together, exact up to rounding errors.
+
+        They do not depend on how paths were grouped, as long as the groups are merged in the same
+        order (T. F. Chan, G. H. Golub and R. J. LeVeque 1983).
+        """
+        count = self.count + other.count
+        shift = other.mean - self.mean
+        between = shift[:, None] * shift * (self.count * other.count / count)
+        return replace(
+            self,
+            count=count,
+            mean=self.mean + shift * (other.count / count),
+            scatter=self.scatter + other.scatter + between,
+        )
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the errors of the means."""
+        return np.asarray(self.scatter / (self.count * max(self.count - 1, 1)))
+
+
+# ------------------------------------------------------------------------------
+# Estimates, numbers with their errors, and the cost and provenance of an answer.
+# ------------------------------------------------------------------------------
+
 
 ERROR, BIAS, BIAS_ERROR, LIMIT = "standard_error", "bias", "bias_error", "upper_95"
 """Fields of an `Estimate`, behind whose value tables name their columns so."""

@@ -16,15 +16,28 @@ from typing import Any, Generic, ParamSpec, TypeVar, overload
 import numpy as np
 
 from stochvi.mathematics.units import plain_number
-from stochvi.results.deadline import Deadline, stood_still
+from stochvi.results.deadline import Deadline, Progress, part_of, stood_still
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.estimates import Cost
-from stochvi.results.progress import Progress, part_of
-from stochvi.sampling.blocks import BegunBlock, Block, blocks_of
-from stochvi.sampling.checkpoints import Checkpoint, CheckpointWriter, Entry
-from stochvi.sampling.options import DEFAULTS, WITHOUT_DIGITS, check_options, signature_of
-from stochvi.sampling.plain_values import digest_of, from_plain, to_plain
-from stochvi.sampling.sampler import Sampler, more_paths
+from stochvi.sampling.calculations import (
+    DEFAULTS,
+    WITHOUT_DIGITS,
+    BegunBlock,
+    Block,
+    Sampler,
+    blocks_of,
+    check_options,
+    more_paths,
+    signature_of,
+)
+from stochvi.sampling.checkpoints import (
+    Checkpoint,
+    CheckpointWriter,
+    Entry,
+    digest_of,
+    from_plain,
+    to_plain,
+)
 from stochvi.sampling.workers import WorkerPool, pool_of
 from stochvi.scenes.scene import Scene
 

@@ -7,6 +7,7 @@ the order of their blocks, so that no digit depends on the number or speed of wo
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.metadata
 import io
@@ -22,20 +23,28 @@ from concurrent.futures import (
     Future,
     ThreadPoolExecutor,
 )
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from itertools import islice
+from threading import Timer
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from numba.core.event import Event, Listener, register
 from threadpoolctl import ThreadpoolController
 
-from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt
-from stochvi.results.errors import NotConverged, StochviError
-from stochvi.results.machine import thread_seconds, usable_cores
-from stochvi.sampling.blocks import PIECE_SECONDS, SHORTEST, BegunBlock
-from stochvi.sampling.sampler import Sampler
-from stochvi.sampling.stop_flag import GivenUp
+from stochvi.results.deadline import (
+    NEVER,
+    Deadline,
+    announce,
+    ctrl_c_was_heard,
+    graceful_interrupt,
+    start_clock,
+    stop_clock,
+)
+from stochvi.results.errors import Interrupted, NotConverged, StochviError
+from stochvi.results.files import thread_seconds, usable_cores
+from stochvi.sampling.calculations import PIECE_SECONDS, SHORTEST, BegunBlock, GivenUp, Sampler
 
 if TYPE_CHECKING:
     from stochvi.sampling.checkpoints import CheckpointWriter
@@ -416,3 +425,122 @@ def pool_of(executor: Executor | WorkerPool | None, threads: int | None) -> Iter
     finally:
         if not pool.external:
             pool.executor.shutdown(cancel_futures=True)
+
+
+# ------------------------------------------------------------------------------
+# Executor that simulates on the machines of a Dask cluster.
+#
+# A cluster on this machine is one command each for the scheduler and the workers, in an environment
+# that has `pip install 'stochvi[distributed]'`:
+#
+#     dask scheduler --port 8786
+#     dask worker tcp://localhost:8786 --nworkers 4 --nthreads 1
+#
+# and `dask worker tcp://head:8786 --nworkers -1` on every other machine, or under a batch system.
+# Then `stochvi simulate scene.toml --dask tcp://head:8786`. Workers must have the same versions of
+# stochvi and its libraries, and the same kind of processor; else the digits depend on the worker,
+# and
+# the response has a warning. Under MPI, `mpiexec -n 64 python -m mpi4py.futures job.py` with
+# `simulate(..., executor=MPIPoolExecutor())` in job.py.
+# ------------------------------------------------------------------------------
+
+
+CONNECT_SECONDS = 10.0
+"""Seconds to wait for the answer of a scheduler."""
+
+
+@contextlib.contextmanager
+def dask_executor(address: str) -> Iterator[Executor]:
+    """Executor of the Dask cluster whose scheduler listens at `address`, "tcp://host:8786".
+
+    Raises
+    ------
+    ValueError
+        If Dask is not installed, no scheduler answers, or there are no workers.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ValueError("--dask needs Dask: pip install 'stochvi[distributed]'") from None
+    try:
+        client = Client(address, timeout=CONNECT_SECONDS)
+    except (OSError, ValueError) as error:
+        raise ValueError(
+            f"--dask: no scheduler answers at {address} ({type(error).__name__}); start one with "
+            "'dask scheduler --port 8786' and name it as tcp://host:8786"
+        ) from None
+    with client:
+        if not client.nthreads():
+            raise ValueError(
+                f"--dask: the scheduler at {address} has no workers; start some with "
+                f"'dask worker {address} --nworkers 4'"
+            )
+        yield client.get_executor(pure=False)
+
+
+# ------------------------------------------------------------------------------
+# Compiling is announced, and no budget pays for it: the clock of all deadlines stands still.
+#
+# Kernels are compiled once on each machine. The time in which compiled kernels are loaded from the
+# disk counts for a budget, as any other time does. Ctrl-C ends compiling at the next of its passes.
+# ------------------------------------------------------------------------------
+
+
+ANNOUNCED_SECONDS = 1.0
+"""Seconds of compiling after which it is announced."""
+
+
+@contextmanager
+def outside_budgets() -> Iterator[None]:
+    """Stop the clock of all deadlines within the `with` block, and announce it if it takes long."""
+    speaker = Timer(ANNOUNCED_SECONDS, announce, ["compiling, once on each machine"])
+    speaker.daemon = True
+    speaker.start()
+    stop_clock()
+    try:
+        yield
+    finally:
+        start_clock()
+        speaker.cancel()
+
+
+def check_ctrl_c() -> None:
+    """Raise `Interrupted` if Ctrl-C was heard, whose answer nobody waits for in compiling."""
+    if ctrl_c_was_heard():
+        raise Interrupted("interrupted by Ctrl-C while kernels were compiled; nothing was kept")
+
+
+class _Compiling(Listener):  # type: ignore[misc]
+    """Listener to compilation. numba calls it before and after it compiles a function with those
+    that it calls; a kernel calls it before and after it waits for another process."""
+
+    def __init__(self) -> None:
+        self.under_way: list[AbstractContextManager[Any]] = []
+
+    def on_start(self, event: Event) -> None:
+        self.under_way.append(outside_budgets())
+        self.under_way[-1].__enter__()
+
+    def on_end(self, event: Event) -> None:
+        self.under_way.pop().__exit__(None, None, None)
+
+
+class _Passing(Listener):  # type: ignore[misc]
+    """Listener that is called before each of the some forty passes of compiling a function, and
+    before each look whether another process has compiled it."""
+
+    def on_start(self, event: Event) -> None:
+        check_ctrl_c()
+
+    def on_end(self, event: Event) -> None:
+        pass
+
+
+@cache
+def leave_out_of_budgets() -> None:
+    """Let no deadline of this process count the time in which numba compiles from now on."""
+    compiling, passing = _Compiling(), _Passing()
+    for kind in ("numba:compile", "stochvi:wait"):
+        register(kind, compiling)
+    for kind in ("numba:run_pass", "stochvi:look"):
+        register(kind, passing)

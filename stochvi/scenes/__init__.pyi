@@ -1,5 +1,4 @@
 from .absorbers import Absorber
-from .between_units import BetweenUnits
 from .characteristics import (
     BoucWen,
     Coulomb,
@@ -12,7 +11,6 @@ from .characteristics import (
     SpringTable,
     VanDerPol,
 )
-from .cross_densities import CrossDensity
 from .datasets import Profile, profiles, shipped_scene
 from .excitations import (
     ConstantLoad,
@@ -28,6 +26,8 @@ from .excitations import (
     TransferFunctionNoise,
     WhiteNoise,
 )
+from .excitations.noise import QuarterCar
+from .forces import CrossDensity
 from .impact_laws import (
     Elastic,
     ForceFunction,
@@ -38,23 +38,12 @@ from .impact_laws import (
     SpeedRestitution,
     Viscoelastic,
 )
-from .moving_bands import MovingBand
-from .phases import Phase
+from .phases import MovingBand, Phase
 from .records import Record, read_record
-from .scatter import Scatter
 from .scene import ImpactPair, Scene, load_scene
-from .structures import (
-    Bar,
-    Beam,
-    Isolator,
-    Matrices,
-    Modes,
-    NonlinearOscillator,
-    Oscillator,
-    Plate,
-)
+from .structures import Bar, Beam, Isolator, Matrices, Modes, NonlinearOscillator, Oscillator, Plate
 from .structures.rigid_body import Mount, RigidBody
-from .vehicles import QuarterCar
+from .validation import BetweenUnits, Scatter
 
 __all__ = [
     "Absorber",

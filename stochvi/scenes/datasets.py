@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from stochvi.mathematics.arguments import checked
+from stochvi.mathematics.units import checked
 from stochvi.results.errors import SceneError
 from stochvi.scenes.text_tables import read_table
 

@@ -12,9 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.mathematics import rounding
-from stochvi.mathematics.arguments import checked
-from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics import numerics
+from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.spectra import (
     MOST_BREAKPOINTS,
     Table,
@@ -22,8 +21,9 @@ from stochvi.mathematics.spectra import (
     squared_gain,
     welch,
 )
+from stochvi.mathematics.units import checked
 from stochvi.results.errors import SceneError
-from stochvi.results.intervals import jackknife_error
+from stochvi.results.estimates import jackknife_error
 from stochvi.scenes.readers import TIME_RESPONSE, Columns, read_columns
 
 FEWEST_SAMPLES = 256
@@ -183,7 +183,7 @@ class Record:
             trend = middle * (middle * part).sum() / max((middle**2).sum(), 1.0) + part.mean()
             lines = np.fft.rfft(part - trend)
             f = np.arange(len(lines)) * self.fs / len(part)
-            parts.append(np.fft.irfft(lines * rounding.within(f, low_hz, high_hz), len(part)))
+            parts.append(np.fft.irfft(lines * numerics.within(f, low_hz, high_hz), len(part)))
         return replace(self, values=np.concatenate(parts), mean=0.0)
 
     def slow_displacement(self, below_hz: float, omega: float, damping_rate: float) -> float:
@@ -196,7 +196,7 @@ class Record:
         """
         total = 0.0
         for part in self.segments:
-            count = min(rounding.ceil(below_hz * len(part) / self.fs), len(part) // 2)
+            count = min(numerics.ceil(below_hz * len(part) / self.fs), len(part) // 2)
             lines = np.abs(np.fft.rfft(part)[:count] / len(part)) ** 2
             lines[1:] *= 2.0
             f = np.arange(count) * self.fs / len(part)
@@ -530,7 +530,7 @@ def _on_even_grid(
             parts.append(held)
             continue
         since = when - when[0]
-        grid = np.arange(rounding.floor(since[-1] * rate) + 1) / rate
+        grid = np.arange(numerics.floor(since[-1] * rate) + 1) / rate
         parts.append(CubicSpline(since, held)(np.minimum(grid, since[-1])))
     return np.concatenate(parts), tuple(map(len, parts))
 

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self, assert_never
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
+from scipy.linalg import null_space
 
-from stochvi.mathematics.arguments import check_methods, checked
-from stochvi.mathematics.arrays import Array
-from stochvi.mathematics.random_level import RandomLevel
+from stochvi.mathematics.numerics import Array, Matrix
 from stochvi.mathematics.spectra import Table
+from stochvi.mathematics.units import check_methods, checked
+from stochvi.mathematics.unsteady_noise import RandomLevel
 from stochvi.results.errors import SceneError, toml_remedy
-from stochvi.results.origin import SceneDocument
+from stochvi.results.files import SceneDocument
 from stochvi.scenes.absorbers import Absorber, absorbers_of, on_oscillator
-from stochvi.scenes.between_units import VariedNumber, VariedPositive, mean_unit, varied
-from stochvi.scenes.cross_densities import CrossDensity, impossible, impossible_whites
-from stochvi.scenes.drift import drifts
 from stochvi.scenes.excitations import (
     BASE,
     EXCITATIONS,
@@ -37,7 +35,9 @@ from stochvi.scenes.excitations import (
     check_unit,
 )
 from stochvi.scenes.excitations.base import Density, StrengthNoise
-from stochvi.scenes.excitations.pulses import Pulses
+from stochvi.scenes.excitations.drawn import Pulses
+from stochvi.scenes.excitations.noise import QuarterCar
+from stochvi.scenes.forces import CrossDensity, changed_by, impossible, impossible_whites
 from stochvi.scenes.impact_laws import (
     Elastic,
     ForceTable,
@@ -47,14 +47,88 @@ from stochvi.scenes.impact_laws import (
     SpeedRestitution,
     Viscoelastic,
 )
-from stochvi.scenes.impact_laws.rubber_data import AS_WRITTEN
-from stochvi.scenes.modulated_force import changed_by
+from stochvi.scenes.impact_laws.compliant import AS_WRITTEN
 from stochvi.scenes.phases import Phase
 from stochvi.scenes.structures import Matrices, NonlinearOscillator, Oscillator, Structure
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody, Triple, rows_at
 from stochvi.scenes.text_tables import read_text
-from stochvi.scenes.validation import PYTHON_ONLY, Checked, Weights, given
-from stochvi.scenes.vehicles import QuarterCar
+from stochvi.scenes.validation import (
+    PYTHON_ONLY,
+    Checked,
+    VariedNumber,
+    VariedPositive,
+    Weights,
+    given,
+    mean_unit,
+    varied,
+)
+
+# ------------------------------------------------------------------------------
+# Free drifts: motions of a whole structure that no spring, damper or stop resists.
+# ------------------------------------------------------------------------------
+
+
+FORCE_TOLERANCE = 1e-10
+"""Relative size up to which a force of springs, dampers or stops counts as a rounding error."""
+
+
+def drifts(felt: Matrix, rows: Matrix) -> tuple[list[int], Matrix]:
+    """Free drifts, and the reference coordinates relative to which the others do not drift.
+
+    Parameters
+    ----------
+    felt
+        Damping and stiffness matrices, one below the other (2 n, n).
+    rows
+        Rows (pairs, n) of the gaps.
+
+    Returns
+    -------
+    references, motions
+        Indices of k reference coordinates, and the drifts (n, k). Each drift moves one reference
+        by 1 and no other, so that x_i - motions[i] . x[references] does not drift.
+
+    Examples
+    --------
+    A mass that strikes another one, both of them free:
+
+    >>> references, motions = drifts(np.zeros((4, 2)), np.array([[1.0, -1.0]]))
+    >>> references, motions.round(12).tolist()
+    ([1], [[1.0], [1.0]])
+    """
+    size = np.linalg.norm(felt, axis=0).max(initial=0.0) or 1.0
+    free = null_space(np.vstack([felt / size, rows]), rcond=FORCE_TOLERANCE).T
+    # a coordinate that other masses strike is preferred as a reference
+    struck = np.sum(rows < 0.0, axis=0)
+    references: list[int] = []
+    for place in np.argsort(-struck, kind="stable").tolist():
+        sizes = np.abs(free[:, place])
+        if len(references) == len(free) or sizes[len(references) :].max() <= FORCE_TOLERANCE:
+            continue
+        chosen = len(references) + int(np.argmax(sizes[len(references) :]))
+        free[[len(references), chosen]] = free[[chosen, len(references)]]
+        pivot = free[len(references)] / free[len(references), place]
+        free = free - np.outer(free[:, place], pivot)
+        free[len(references)] = pivot
+        references.append(place)
+    return references, free.T
+
+
+def without_drift(mass: Matrix, references: Sequence[int], motions: Matrix) -> Matrix:
+    """Matrix (n - k, n) from forces on all coordinates to forces on the relative coordinates.
+
+    The relative coordinates are the others, measured from the references. Their mass matrix is this
+    matrix times the mass matrix of all coordinates, without the columns of the references.
+    """
+    kept = np.delete(np.arange(len(mass)), references)
+    carried = mass @ motions
+    whole = np.linalg.solve(motions.T @ carried, motions.T)
+    return np.asarray((np.eye(len(mass)) - carried @ whole)[kept])
+
+
+# ------------------------------------------------------------------------------
+# A scene:
+# ------------------------------------------------------------------------------
 
 
 class ImpactPair(Checked):
@@ -531,7 +605,7 @@ class Scene(Checked):
     def drifts(self) -> tuple[list[int], Array]:
         """Free drifts of the whole structure and their reference coordinates.
 
-        They are those that `stochvi.scenes.drift.drifts` returns; there are none without stops, or
+        They are those that `stochvi.scenes.scene.drifts` returns; there are none without stops, or
         on a moving base.
         """
         structure = self.structure

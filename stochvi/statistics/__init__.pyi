@@ -1,9 +1,9 @@
-from .bursts import Bursts
+from .clusters import Bursts
+from .crossings import FirstCrossings
 from .damage import Damage, EquipmentSpectra, Shocks, SpectrumValues, TailoredTest
 from .histories import History
 from .impacts import Exponent, Histogram, ImpactStatistics, PairStatistics, Rate
 from .lifetimes import Destination, LifeTime, LifeTimes, lifetimes
-from .pair_crossings import FirstCrossings
 from .reliability import Chance, Reliability
 from .spectra import ResponseSpectrum
 from .stability import Stability

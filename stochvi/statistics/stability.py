@@ -11,21 +11,18 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.mathematics.arrays import Matrix, Vector
-from stochvi.mathematics.shown_units import RATE
+from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.mathematics.units import RATE
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import Aloft, ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
-from stochvi.model.calculations import calculation
-from stochvi.model.coverage import functions_of_arrays
+from stochvi.model.coverage import functions_of_arrays, growth, linear_system
 from stochvi.model.model import Model, model_of
-from stochvi.model.modulation import growth, linear_system
 from stochvi.results.base import Result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, provenance
-from stochvi.sampling.options import AccuracyOptions
+from stochvi.sampling.calculations import AccuracyOptions, Sampler, calculation
 from stochvi.sampling.run import Run, sampled
-from stochvi.sampling.sampler import Sampler
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:

@@ -1,7 +1,5 @@
-from .check import Check, Comparison
-from .check_of_many import Checks, check_many, zoo
+from .check import Check, Checks, Comparison, Explanation, check_many, zoo
 from .cost import WorkPrecision
-from .explain import Explanation
 
 __all__ = [
     "Check",

@@ -7,30 +7,38 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.methods.averaging import average
+from stochvi.methods.averaging import unmet as unmet_by_averaging
 from stochvi.methods.closed_form import exact
+from stochvi.methods.closed_form import unmet as unmet_by_closed_form
 from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.fokker_planck import unmet as unmet_by_fokker_planck
 from stochvi.methods.linearisation import linearise
-from stochvi.methods.monte_carlo import simulate
-from stochvi.model.calculations import calculation
+from stochvi.methods.monte_carlo import Prospect, prospect, simulate
+from stochvi.methods.monte_carlo.choose_plan import unmet as unmet_by_simulation
+from stochvi.methods.monte_carlo.modal_tables import seconds_of_plan
+from stochvi.methods.monte_carlo.simulation import LEAST_PILOT_SECONDS
+from stochvi.model.coverage import NaturalMode, RestingGap, at_rest, natural_modes, scene_notes
 from stochvi.model.model import model_of
-from stochvi.results.base import COMMON, Result, total_cost
-from stochvi.results.deadline import Deadline, graceful_interrupt
+from stochvi.results.base import COMMON, Response, Result, total_cost, unit_of
+from stochvi.results.deadline import Deadline, Progress, ended_by, graceful_interrupt
 from stochvi.results.errors import Interrupted, NoExactSolution, NotApplicable, NotConverged
-from stochvi.results.estimates import Estimate
-from stochvi.results.intervals import (
+from stochvi.results.estimates import (
+    Estimate,
     normal_quantile,
     normal_score,
+    provenance,
     reach,
     satterthwaite_degrees,
     student_quantile,
 )
-from stochvi.results.progress import Progress
-from stochvi.results.quantity_units import unit_of
-from stochvi.results.response import Response
-from stochvi.sampling.options import check_options
-from stochvi.scenes.scene import Scene
+from stochvi.sampling.calculations import calculation, check_options
+from stochvi.scenes.datasets import zoo_files
+from stochvi.scenes.excitations import BASE, RecordedNoise, TabulatedNoise
+from stochvi.scenes.scene import Scene, load_scene
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -552,3 +560,486 @@ def _row(
         verdict=verdict,
         score=score,
     )
+
+
+# ------------------------------------------------------------------------------
+# `check_many`: one verdict over many scenes; and `zoo`, the scenes that ship for it.
+# ------------------------------------------------------------------------------
+
+
+WORST_SHOWN = 3
+"""Number of comparisons that the summary of a failed check names."""
+
+
+def zoo(*names: str) -> dict[str, Scene]:
+    """The scenes of `data/scenes/zoo` by name: all of them, or those of the names given.
+
+    Parameters
+    ----------
+    *names
+        Names of scenes of the zoo; none for all.
+
+    Returns
+    -------
+    dict[str, Scene]
+        Scenes by name.
+
+    See Also
+    --------
+    stochvi.verification.check_many : Checks them all.
+    stochvi.scenes.shipped_scene : The file of one scene.
+
+    Examples
+    --------
+    >>> scenes = zoo("linear", "lossy-0.5")
+    >>> scenes["lossy-0.5"].effects()
+    ('white noise on x', 'rigid stop lower', 'rigid stop upper')
+    >>> len(zoo()) >= 60
+    True
+    """
+    files = zoo_files()
+    unknown = [name for name in names if name not in files]
+    if unknown:
+        raise ValueError(
+            f"names must be scenes of the zoo, got {unknown[0]!r}; known: {', '.join(files)}"
+        )
+    return {name: load_scene(files[name]) for name in names or files}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Checks(Result):
+    """The verdict on many scenes, whose comparisons share one alarm rate.
+
+    `judged` is the number of comparisons, and `z` the number of standard errors by which each of
+    them may differ.
+
+    See Also
+    --------
+    stochvi.verification.check_many : The calculation.
+    """
+
+    checks: Mapping[str, Check]
+    seeds: Mapping[str, int]
+    judged: int
+    z: float
+    rel_error: float | None = None
+
+    @property
+    def passed(self) -> bool:
+        """Whether every scene was judged as sharply as asked for, and nothing disagrees."""
+        return bool(self.checks) and all(verdict.passed for verdict in self.checks.values())
+
+    @property
+    def alarms(self) -> list[tuple[str, Comparison]]:
+        """Every comparison that disagrees, with the name of its scene before it."""
+        return [
+            (name, row)
+            for name, verdict in self.checks.items()
+            for row in verdict.comparisons
+            if row.verdict == DISAGREES
+        ]
+
+    def summary(self) -> str:
+        """The verdict in a sentence."""
+        alarms = self.alarms
+        failed = [name for name, verdict in self.checks.items() if not verdict.passed]
+        if alarms:
+            worst = "; ".join(
+                f"{row.quantity}{' balance' if row.of == BALANCE else ''} of {name}"
+                for name, row in alarms[:WORST_SHOWN]
+            )
+            return f"{len(alarms)} of {self.judged} comparisons DISAGREE: {worst}"
+        if failed:
+            first = failed[0]
+            return f"{len(failed)} scenes were not judged: {first}: {self.checks[first].summary()}"
+        return (
+            f"{len(self.checks)} scenes, {self.judged} comparisons agree within {self.z:.2f} "
+            f"standard errors and the stated bias (alarm rate of all together "
+            f"{100.0 * FAMILY_ALARM_RATE:g} %)"
+        )
+
+    def __repr__(self) -> str:
+        return f"<checks: {self.summary()}>"
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per comparison of every scene."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            [
+                {"scene": name, **vars(row)}
+                for name, verdict in self.checks.items()
+                for row in verdict.comparisons
+            ]
+        )
+
+    def overview(self) -> pd.DataFrame:
+        """One row per scene: the methods, the numbers of comparisons, the largest score."""
+        import pandas as pd
+
+        return pd.DataFrame([_line(name, verdict) for name, verdict in self.checks.items()])
+
+    def _shown(self) -> pd.DataFrame:
+        return self.overview()
+
+    def _document(self) -> dict[str, Any]:
+        return {
+            "method": "check",
+            "passed": self.passed,
+            "summary": self.summary(),
+            "family_alarm_rate": FAMILY_ALARM_RATE,
+            "z": self.z,
+            "judged": self.judged,
+            "rel_error": self.rel_error,
+            "alarms": [{"scene": name, **vars(row)} for name, row in self.alarms],
+            "scenes": {
+                name: {
+                    "passed": verdict.passed,
+                    "summary": verdict.summary(),
+                    "seed": self.seeds.get(name),
+                    "methods": _methods(verdict),
+                    "comparisons": verdict.comparisons,
+                    "left_out": verdict.left_out,
+                }
+                for name, verdict in self.checks.items()
+            },
+            "warnings": self.warnings,
+        }
+
+
+def _methods(verdict: Check) -> list[str]:
+    """The methods that were judged, the reference first."""
+    rows = [row for row in verdict.comparisons if row.verdict in (AGREES, DISAGREES)]
+    names = [row.reference for row in rows if row.of != BALANCE] + [row.method for row in rows]
+    return list(dict.fromkeys(names))
+
+
+BALANCES_ONLY = "balances hold"
+"""Verdict where only one method covers the scene: its balances hold, and nothing was compared."""
+
+
+def _line(name: str, verdict: Check) -> dict[str, Any]:
+    rows = [row for row in verdict.comparisons if row.verdict in (AGREES, DISAGREES)]
+    scores = [abs(row.score) for row in rows if row.score is not None]
+    return {
+        "scene": name,
+        "methods": ", ".join(_methods(verdict)),
+        "comparisons": sum(row.of != BALANCE for row in rows),
+        "balances": sum(row.of == BALANCE for row in rows),
+        "largest score": max(scores, default=None),
+        "verdict": _word(verdict),
+    }
+
+
+def _word(verdict: Check) -> str:
+    judged = [row.of for row in verdict.comparisons if row.verdict in (AGREES, DISAGREES)]
+    if verdict.passed:
+        return "passed" if set(judged) != {BALANCE} else BALANCES_ONLY
+    if any(row.verdict == DISAGREES for row in verdict.comparisons):
+        return DISAGREES
+    return "stopped early" if verdict.stopped_early else "not judged"
+
+
+@calculation
+def check_many(
+    scenes: Mapping[str, Scene],
+    *,
+    rel_error: float = 0.01,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float | None = None,
+    progress: Progress | None = None,
+) -> Checks:
+    """`check` of many scenes, under one alarm rate for all their comparisons together.
+
+    The probability that any comparison of any scene raises an alarm although all methods are right
+    is `FAMILY_ALARM_RATE` (Sidak over all comparisons; this is safe where they depend on each
+    other). Each scene gets random numbers of its own, from the seed and its place in `scenes`.
+
+    Parameters
+    ----------
+    scenes
+        The scenes by name; `zoo()` gives those that ship.
+    rel_error, seed, threads
+        The same arguments as those of `check`.
+    budget
+        Seconds for the simulations of all scenes together, None for no limit; each may take its
+        share of what is left. A scene that is not begun in time is not judged.
+    progress
+        Called with the fraction done and the name of a scene.
+
+    Returns
+    -------
+    Checks
+        The verdict on all scenes.
+
+    Raises
+    ------
+    Interrupted
+        After Ctrl-C; it carries the verdict on the scenes so far.
+
+    See Also
+    --------
+    stochvi.check : One scene.
+    stochvi.verification.zoo : The scenes that ship.
+
+    Examples
+    --------
+    >>> found = check_many(zoo("linear", "elastic-half-sigma"), rel_error=0.05)
+    >>> found.passed, len(found.checks)
+    (True, 2)
+    """
+    check_options({"rel_error": rel_error, "seed": seed, "budget": budget, "threads": threads})
+    seeds = dict(zip(scenes, seeds_of(seed, len(scenes)), strict=True))
+    found: dict[str, MethodResponses] = {}
+    deadline = Deadline.after(budget)
+    with graceful_interrupt():
+        for done, (name, scene) in enumerate(scenes.items()):
+            if progress:
+                progress(done / len(scenes), name)
+            if deadline.passed():
+                late = f"{STOPPED_EARLY}: no time was left for this scene; raise budget"
+                found[name] = MethodResponses(responses=[], approximations=[], left_out=[late])
+                continue
+            found[name] = answers(
+                scene, rel_error=rel_error, seed=seeds[name], threads=threads,
+                deadline=deadline.sooner(1.0 - 1.0 / (len(scenes) - done)),
+            )  # fmt: skip
+    verdict = compare_many(found, seeds, rel_error)
+    if deadline.interrupted:
+        raise deadline.fell_short("before all scenes were checked", "", verdict)
+    return verdict
+
+
+def compare_many(
+    found: Mapping[str, MethodResponses],
+    seeds: Mapping[str, int] | None = None,
+    rel_error: float | None = None,
+) -> Checks:
+    """Judge responses to many scenes under one alarm rate, as `check_many` does with its own."""
+    judged = sum(each.judged for each in found.values())
+    checks = {
+        name: compare(each.responses, each.approximations, each.left_out, family=judged)
+        for name, each in found.items()
+    }
+    return Checks(
+        checks=checks,
+        seeds=seeds or {},
+        judged=judged,
+        z=normal_quantile(single_alarm_rate(max(judged, 1))),
+        rel_error=rel_error,
+        warnings=tuple(f"{name}: {each}" for name in checks for each in checks[name].warnings),
+        cost=total_cost(verdict.cost for verdict in checks.values()),
+    )
+
+
+def seeds_of(seed: int, count: int) -> Sequence[int]:
+    """Seeds of `count` independent simulations, made of one seed.
+
+    >>> seeds_of(0, 2) == seeds_of(0, 3)[:2], len(set(seeds_of(0, 100)))
+    (True, 100)
+    """
+    words = np.random.SeedSequence(seed).generate_state(count, np.uint64)
+    return [int(word >> np.uint64(1)) for word in words]
+
+
+# ------------------------------------------------------------------------------
+# `explain`: the effects in a scene, the methods that apply, and the price of a simulation.
+# ------------------------------------------------------------------------------
+
+
+APPLIES = "applies"
+
+SECONDS = 10.0
+"""Largest number of seconds that an explanation takes, if no kernel must be compiled."""
+
+FOR_LINEARISATION = 0.3
+"""Largest share of the budget in which a linearisation is tried; a method that is not through by
+then applies all the same."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Explanation(Result):
+    """The effects in a scene, and the methods that cover it.
+
+    `methods` maps each method to "applies", or to the conditions that the scene does not meet.
+    `natural_frequency_hz` and `modes` are those of the structure without stops. Under constant
+    loads `rest` holds the displacements of rest (m; rotations in rad). `rest_of_gaps` holds where
+    each gap rests and how far that is from its stops, m.
+
+    See Also
+    --------
+    stochvi.explain : The calculation.
+    """
+
+    not_in_document = COMMON
+
+    effects: Sequence[str]
+    absent: Sequence[str]
+    methods: Mapping[str, str]
+    assumptions: Sequence[str]
+    notes: Sequence[str]
+    natural_frequency_hz: Sequence[float]
+    modes: Sequence[NaturalMode]
+    rest: Mapping[str, float]
+    rest_of_gaps: Mapping[str, RestingGap]
+    simulation: Prospect | None
+
+    def summary(self) -> str:
+        """The effects that a simulation of the scene contains, or why there is none."""
+        if not self.simulated:
+            return f"not simulated: {self.methods['simulate']}"
+        return f"simulated: {', '.join(self.effects)}"
+
+    @property
+    def simulated(self) -> bool:
+        """Whether `simulate` covers the scene."""
+        return self.methods["simulate"] == APPLIES
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per method: whether it applies, or the conditions that the scene does not
+        meet."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            {
+                "method": list(self.methods),
+                "applies": [found == APPLIES for found in self.methods.values()],
+                "lacks": ["" if found == APPLIES else found for found in self.methods.values()],
+            }
+        )
+
+    def _remarks(self) -> Sequence[str]:
+        return (*self.notes, *self.warnings)
+
+    def _document(self) -> dict[str, Any]:
+        return {"method": "explain", **super()._document()}
+
+
+@calculation
+def explain(scene: Scene, *, threads: int | None = None, budget: float = SECONDS) -> Explanation:
+    """List the effects, the methods that apply, and the expected price of a simulation.
+
+    An effect that is absent from the scene is absent from the compiled code. The price comes
+    from a short pilot run on this machine.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    threads
+        Number of threads; by default all cores.
+    budget
+        Seconds for the whole explanation; the pilot run gets what is left, `PILOT_SECONDS` at most.
+
+    Returns
+    -------
+    Explanation
+        Effects, methods and the expected price.
+
+    See Also
+    --------
+    stochvi.check : Whether all methods agree.
+    stochvi.cost : Error against time.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> free = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> explain(free).absent[:5]
+    ('filtered noise', 'tabulated noise', 'sine', 'constant load', 'modulation')
+    """
+    deadline = Deadline.after(budget)
+    model, effects = model_of(scene), scene.effects()
+    methods = {
+        "exact": "; ".join(unmet_by_closed_form(model)) or APPLIES,
+        "fokker-planck": "; ".join(unmet_by_fokker_planck(model)) or APPLIES,
+        "average": "; ".join(unmet_by_averaging(model)) or APPLIES,
+        "linearise": APPLIES,
+    }
+    trial = Deadline.after(deadline.part(FOR_LINEARISATION))
+    try:
+        with ended_by(trial.rest, patience=0.0):
+            linearise(scene)
+    except (NotApplicable, NotConverged) as reason:
+        if isinstance(reason, NotApplicable) or not trial.passed():
+            methods["linearise"] = _conditions(reason)
+    simulation, notes = None, list(scene_notes(model))
+    planning = seconds_of_plan(model)
+    if planning > MOST_OF_THE_REST * deadline.left:
+        methods["simulate"] = "; ".join(unmet_by_simulation(model)) or APPLIES
+        notes.append(
+            "the price of a simulation was not measured: its plan alone, for these coordinates "
+            f"and lines of tables, takes about {planning:.2g} s, more than is left of the budget "
+            f"of {deadline.budget:.2g} s; raise budget"
+        )
+    else:
+        try:
+            with ended_by(deadline.rest, patience=LEAST_PILOT_SECONDS):
+                simulation = prospect(scene, threads=threads, budget=deadline.rest)
+            methods["simulate"] = APPLIES
+        except NotApplicable as reason:
+            methods["simulate"] = _conditions(reason)
+        except NotConverged as reason:
+            methods["simulate"] = APPLIES
+            notes.append(f"the price of a simulation was not measured: {reason}")
+    modes = natural_modes(model)
+    rest, rest_of_gaps = at_rest(model)
+    return Explanation(
+        effects=effects,
+        absent=scene.absent_effects(),
+        methods=methods,
+        assumptions=(*_environments(scene), *scene.assumptions()),
+        notes=(*notes, *scene.cautions()),
+        natural_frequency_hz=[mode.frequency_hz for mode in modes],
+        modes=modes,
+        rest=rest,
+        rest_of_gaps=rest_of_gaps,
+        simulation=simulation,
+        provenance=provenance(scene.document()),
+    )
+
+
+def explain_phases(
+    scene: Scene, *, threads: int | None = None, budget: float = SECONDS
+) -> dict[str, Explanation]:
+    """The explanation of each phase of a mission, by its name; the steps of a phase that moves are
+    explained by their first."""
+    deadline = Deadline.after(budget)
+    first = {phase.step_of or phase.name: phase for phase in reversed(scene.phases)}
+    phases = list(reversed(first.items()))
+    return {
+        name: explain(
+            phase.of(scene), threads=threads,
+            budget=deadline.part(1.0 / (len(phases) - done)) or LEAST_PILOT_SECONDS,
+        )
+        for done, (name, phase) in enumerate(phases)
+    }  # fmt: skip
+
+
+MOST_OF_THE_REST = 0.5
+"""Largest share of the time that is left which the plan of a simulation may take."""
+
+
+def _environments(scene: Scene) -> list[str]:
+    """A sentence on what was read of each table and record, with its rms value, to compare with its
+    source."""
+    found = []
+    for each in scene.excitations:
+        if isinstance(each, TabulatedNoise | RecordedNoise):
+            where = scene.place(each)
+            words, numbers = scene.place_in_words(each), each.numbers()
+            name, source, extent = each.facts(words, numbers)[0]
+            rms = numbers.get("rms", math.sqrt(each.table.mean_square()))
+            size = f"{rms / STANDARD_GRAVITY:.4g} g" if where == BASE else f"{rms:.4g} N"
+            found.append(f"{name[0].lower()}{name[1:]}: {source}, {extent}, {size} rms")
+    return found
+
+
+def _conditions(reason: NotApplicable | NotConverged) -> str:
+    """Why a method does not answer, without the name of the method."""
+    return str(reason).split(" does not apply: ", 1)[-1].rstrip(".")

@@ -11,34 +11,31 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.numerics import Vector
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
-from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics
-from stochvi.methods.monte_carlo.plan import Plan
-from stochvi.methods.monte_carlo.prices import check_price
-from stochvi.methods.monte_carlo.quantities import (
+from stochvi.methods.monte_carlo.choose_plan import check_price, make_plan
+from stochvi.methods.monte_carlo.plan import (
     RATES,
     Key,
+    Layout,
     Means,
+    PathStatistics,
+    Plan,
     Quantity,
     governed,
     of_coordinate,
 )
-from stochvi.methods.monte_carlo.rigid_white import LARGEST_ANGLE
 from stochvi.methods.monte_carlo.simulation import FEWEST_PATHS
-from stochvi.model.calculations import calculation
+from stochvi.methods.monte_carlo.white import LARGEST_ANGLE
 from stochvi.model.model import model_of
-from stochvi.results.base import Result
+from stochvi.results.base import Response, Result
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, provenance
-from stochvi.results.machine import thread_seconds
-from stochvi.results.response import Response
-from stochvi.sampling.options import RunOptions
+from stochvi.results.files import thread_seconds
+from stochvi.sampling.calculations import RunOptions, Sampler, calculation
 from stochvi.sampling.run import ENDLESS, Run, sampled
-from stochvi.sampling.sampler import Sampler
 from stochvi.scenes.scene import Scene
 from stochvi.verification.check import (
     DETERMINISTIC_ERROR,

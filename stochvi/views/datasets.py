@@ -2,15 +2,328 @@
 
 from __future__ import annotations
 
+import importlib.util
+import io
 import math
 from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stochvi.views.sweep import UNITS, quantities, unit_of_key
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from stochvi.mathematics.units import ShownQuantity, readable, shown_as
+from stochvi.results.base import QUANTITY_UNITS, with_unit
+from stochvi.results.estimates import BIAS, BIAS_ERROR, ERROR, GAUSSIAN_95, LIMIT, Estimate
+from stochvi.scenes.keys import KEY_UNITS
+from stochvi.views.axes import axes_or_new
+from stochvi.views.files import try_picture, write_bytes, write_table
+from stochvi.views.tables import (
+    NEGLIGIBLE,
+    NO_VALUE,
+    QUANTITY_NAMES,
+    Heading,
+    value_with_error,
+    with_headings,
+)
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
+
+
+# ------------------------------------------------------------------------------
+# Views of a sweep: the main columns of its table, and pictures over its first key.
+# ------------------------------------------------------------------------------
+
+
+SIZE = (7.2, 4.4)
+"""Size of a figure, inches."""
+
+MOST_IN_A_LEGEND = 12
+"""Largest number of lines of a picture that a legend names; more would cover the picture."""
+
+SUMMARY_UNITS = {
+    "displacement_max": "m",
+    "displacement_min": "m",
+    "acceleration_max": "m/s^2",
+    "impact_speed_max": "m/s",
+    "contact_time": "s",
+    "clearance": "m",
+    "three_sigma": "m",
+    "rms_displacement": "m",
+    "expected_hits": "1",
+    "probability_at_three_sigma": "1",
+    "hit": "1",
+    "passage": "1",
+    "impact_speed": "1",
+    "peak_acceleration": "1",
+}
+"""Units of quantities of replays, sizings and reliabilities; those of events are probabilities."""
+
+GOVERNED = (
+    "displacement_std", "acceleration_std", "collision_rate", "impact_speed_mean", "peak_force",
+    "clearance", "three_sigma", "expected_hits", "hit", "passage", "impact_speed",
+    "peak_acceleration", "displacement_max", "displacement_min", "acceleration_max", "hits",
+    "impact_speed_max",
+)  # fmt: skip
+"""Quantities that matter most, which the contact sheet shows in this order; the files hold all."""
+
+ON_TERMINAL = (
+    "displacement_std", "collision_rate", "impact_speed_rate", "clearance", "three_sigma",
+    "expected_hits", "hit", "passage", "impact_speed", "peak_acceleration", "displacement_max",
+    "displacement_min", "acceleration_max", "hits", "impact_speed_max",
+)  # fmt: skip
+"""The ones among these quantities that the table on the terminal shows."""
+
+MOST_PANELS, PANEL = 12, (3.6, 2.9)
+"""Largest number of pictures on a contact sheet, and the size of one, inches."""
+
+EVENT_NAMES = {
+    "clearance": "clearance per side",
+    "three_sigma": "3 sigma",
+    "expected_hits": "expected impacts",
+    "hit": "probability of any impact",
+    "passage": "probability of a passage",
+    "impact_speed": "probability of too fast an impact",
+    "peak_acceleration": "probability of too sharp an impact",
+    "displacement_max": "largest x",
+    "displacement_min": "smallest x",
+    "acceleration_max": "peak acceleration",
+    "hits": "impacts",
+    "impact_speed_max": "largest impact speed",
+}
+"""Quantities of sizings, reliabilities and replays in words."""
+
+UNITS = {**QUANTITY_UNITS, **SUMMARY_UNITS}
+"""Units of all quantities of a sweep."""
+
+
+UNIT_ENDINGS = ("_hz", "_db", "_kmh")
+"""Endings of keys that state their unit themselves."""
+
+
+def quantities(table: pd.DataFrame) -> list[str]:
+    """Columns of a table that are quantities, in its order."""
+    return [str(name) for name in table if f"{name}.{ERROR}" in table]
+
+
+def terminal_table(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
+    """The table as a terminal shows it: keys, and main quantities with standard errors."""
+
+    def cell(*numbers: float) -> str:
+        value = numbers[0]
+        error, bias, limit = (None if pd.isna(each) else float(each) for each in numbers[1:])
+        if pd.isna(value):
+            return NO_VALUE
+        estimate = Estimate(value=value, standard_error=error or 0.0, bias=bias, upper_95=limit)
+        return value_with_error(estimate)
+
+    found = with_headings(table, {key: _heading_of_key(key) for key in keys})
+    for quantity in quantities(table):
+        if quantity.rsplit(".", 1)[1] in ON_TERMINAL:
+            shown = [quantity, *(f"{quantity}.{end}" for end in (ERROR, BIAS, LIMIT))]
+            columns = _quantity(table, quantity)(table.reindex(columns=shown))
+            found[_named(table, quantity)] = [
+                cell(*numbers) for numbers in columns.itertuples(index=False, name=None)
+            ]
+    return found
+
+
+def unseen(table: pd.DataFrame) -> pd.Series:
+    """For each row, whether an event was never seen, so that only an upper limit is known."""
+    limits = [name for name in table if str(name).endswith(f".{LIMIT}")]
+    return table[limits].notna().any(axis=1)
+
+
+def _shown(table: pd.DataFrame, unit: str) -> ShownQuantity:
+    """A unit as the method of a table shows it: responses are in SI units, answers on gaps in mm
+    and g."""
+    on_gaps = any(each.rsplit(".", 1)[1] in SUMMARY_UNITS for each in quantities(table))
+    return readable(unit) if on_gaps else shown_as(unit)
+
+
+def _quantity(table: pd.DataFrame, name: str) -> ShownQuantity:
+    return _shown(table, UNITS.get(name.rsplit(".", 1)[1], "1"))
+
+
+def _named(table: pd.DataFrame, quantity: str) -> str:
+    """The name of a quantity with its unit, and with its owner where there are several owners."""
+    owner, name = quantity.rsplit(".", 1)
+    several = sum(other.endswith(f".{name}") for other in quantities(table)) > 1
+    whose = f"{owner}: " if several else ""
+    words = EVENT_NAMES.get(name) or QUANTITY_NAMES.get(name) or name.replace("_", " ")
+    unit = str(_quantity(table, quantity))
+    return f"{whose}{words}" if unit == "1" else f"{whose}{words} ({unit})"
+
+
+def changes(table: pd.DataFrame, quantity: str) -> bool:
+    """Whether a quantity differs between rows by more than rounding."""
+    owner, name = quantity.rsplit(".", 1)
+    deviation = f"{owner}.{name.removesuffix('_mean')}_std"
+    scale = table[deviation if deviation in table else quantity].abs().max()
+    return bool(table[quantity].max() - table[quantity].min() > NEGLIGIBLE * scale)
+
+
+def draw_sweep(
+    table: pd.DataFrame, keys: Sequence[str], quantity: str, title: str = "", ax: Axes | None = None
+) -> Axes:
+    """Draw a quantity against the first key, with one line for each combination of the others.
+
+    Bars are 95 % intervals of the statistical error alone.
+    """
+    alone, ax = ax is None, axes_or_new(ax, SIZE)
+    name = quantity.rsplit(".", 1)[1]
+    shown, key = _quantity(table, quantity), _shown(table, unit_of_key(keys[0]) or "")
+    groups = table.groupby(list(keys[1:]), sort=True) if keys[1:] else [((), table)]
+    colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.88, len(groups)))
+    for colour, (values, group) in zip(colours, groups, strict=True):
+        pairs = zip(keys[1:], values, strict=True)
+        label = ", ".join(f"{_last(key)} {value:.4g}" for key, value in pairs)
+        ax.errorbar(
+            key(group[keys[0]]), shown(group[quantity]),
+            shown(GAUSSIAN_95 * group[f"{quantity}.{ERROR}"]),
+            fmt="o-", markersize=4, capsize=2, color=colour, label=label,
+        )  # fmt: skip
+        if (limit := f"{quantity}.{LIMIT}") in group:
+            unseen = group[group[limit].notna()]
+            ax.plot(
+                key(unseen[keys[0]]), shown(unseen[limit]), "v", color=colour,
+                label="_never seen",
+            )  # fmt: skip
+    if 1 < len(groups) <= MOST_IN_A_LEGEND:
+        ax.legend(frameon=False, fontsize="small")
+    ax.set_xlabel(key.heading(_last(keys[0])))
+    ax.set_ylabel(_named(table, quantity))
+    if _spans_decades(table[quantity]) or (
+        UNITS.get(name) == "1" and name in SUMMARY_UNITS and (table[quantity] > 0.0).all()
+    ):
+        ax.set_yscale("log")
+    if alone:
+        ax.set_title(_title(table, [quantity], title), fontsize="medium")
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+    return ax
+
+
+LINEAR = 30.0
+"""Largest ratio of positive values that a linear axis shows."""
+
+
+def _spans_decades(values: pd.Series) -> bool:
+    """Whether values, none of them negative, differ too much for a linear axis."""
+    positive = values[values > 0.0]
+    return not (values < 0.0).any() and bool(positive.max() > LINEAR * positive.min())
+
+
+def _span(values: pd.Series) -> tuple[float, float]:
+    """Ends of an axis that holds these values, the same in all pictures of a sheet."""
+    low, high = float(values.min()), float(values.max())
+    margin = 0.06 * (high - low) or 0.5 * abs(high) or 0.5
+    return low - margin, high + margin
+
+
+def _title(table: pd.DataFrame, drawn: Sequence[str], title: str) -> str:
+    """The title of a sweep, its method, and what bars mean where there are any."""
+    how = ", ".join(dict.fromkeys(table["method"]))
+    if any((table[f"{quantity}.{ERROR}"] > 0.0).any() for quantity in drawn):
+        how += "; bars: 95 % intervals"
+    return f"{title}\n{how}" if title else how
+
+
+def _heading_of_key(key: str) -> Heading:
+    """The key with the unit of its values, unless its name states it."""
+    unit = unit_of_key(key)
+    return key if unit is None or key.endswith(UNIT_ENDINGS) else (f"{key} ()", shown_as(unit))
+
+
+def unit_of_key(key: str) -> str | None:
+    """The unit of the values of a key; None for one without."""
+    name = _last(key).rsplit(".", 1)[-1]
+    return "m/s" if name == "speed_threshold" else KEY_UNITS.get(name)
+
+
+def draw_sheet(table: pd.DataFrame, keys: Sequence[str], title: str = "") -> Axes:
+    """The quantities that matter most and that change, each in a small picture of one sheet."""
+    chosen = [
+        quantity
+        for name in GOVERNED
+        for quantity in quantities(table)
+        if quantity.rsplit(".", 1)[1] == name and changes(table, quantity)
+    ][:MOST_PANELS]
+    if not chosen:
+        chosen = quantities(table)[:1]
+    columns = min(len(chosen), 3)
+    rows = -(-len(chosen) // columns)
+    figure, axes = plt.subplots(
+        rows, columns, squeeze=False, layout="constrained",
+        figsize=(max(columns, 2) * PANEL[0], rows * PANEL[1]),
+    )  # fmt: skip
+    for ax, quantity in zip(axes.ravel(), chosen, strict=False):
+        draw_sweep(table, keys, quantity, ax=ax)
+        if (legend := ax.get_legend()) is not None and ax is not axes[0, 0]:
+            legend.remove()
+        ax.set_xlim(*_span(_shown(table, unit_of_key(keys[0]) or "")(table[keys[0]])))
+    for ax in axes.ravel()[len(chosen) :]:
+        ax.set_visible(False)
+    figure.suptitle(_title(table, chosen, title), fontsize="medium")
+    first: Axes = axes[0, 0]
+    return first
+
+
+def _last(key: str) -> str:
+    """The last words of a key without its places in lists, such as "law.coefficient"."""
+    words = [word for word in key.split(".") if not word.isdigit()]
+    return ".".join(words[-2:])
+
+
+def write_sweep_table(table: pd.DataFrame, keys: Sequence[str], folder: Path) -> pd.DataFrame:
+    """Write `sweep.csv`, and return the table with units in the names of its columns."""
+    written = with_units(table, keys)
+    write_table(written, folder / "sweep.csv")
+    return written
+
+
+def write_sweep(
+    table: pd.DataFrame, keys: Sequence[str], folder: str | Path, title: str = ""
+) -> None:
+    """Write `sweep.csv`, `sweep.parquet` where pyarrow is installed, and the contact sheet
+    `sweep.png`; the units stand in the names of the columns."""
+    folder = Path(folder)
+    written = write_sweep_table(table, keys, folder)
+    if importlib.util.find_spec("pyarrow") is not None:
+        memory = io.BytesIO()
+        written.to_parquet(memory, index=False)
+        write_bytes(memory.getvalue(), folder / "sweep.parquet")
+    if quantities(table):
+        try_picture(partial(draw_sheet, table, keys, title), folder / "sweep.png")
+
+
+ENDS = ("", *(f".{name}" for name in (ERROR, BIAS, BIAS_ERROR, LIMIT)))
+"""Endings that the columns of a quantity may have behind its name."""
+
+
+def with_units(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
+    """The table with units in the names of its columns: "stops.collision_rate_per_s", and its
+    "stops.collision_rate_per_s.standard_error"; spaces, as of a pair's name, become "_"."""
+    names = {
+        key: key if key.endswith(UNIT_ENDINGS) else with_unit(key, unit_of_key(key) or "")
+        for key in keys
+    }
+    for quantity in quantities(table):
+        named = with_unit(quantity, UNITS.get(quantity.rsplit(".", 1)[1], "1"))
+        names |= {f"{quantity}{end}": f"{named}{end}" for end in ENDS}
+    thresholds = [str(name) for name in table if str(name).endswith(".speed_threshold")]
+    names |= {name: with_unit(name, "m/s") for name in thresholds}
+    return table.rename(columns={old: "_".join(new.split()) for old, new in names.items()})
+
+
+# ------------------------------------------------------------------------------
+# The table of a sweep as an xarray Dataset:
+# ------------------------------------------------------------------------------
+
 
 KEYS = "keys"
 """Attribute of the table of a sweep that names the keys that were varied."""

@@ -7,25 +7,568 @@ Every function draws on the Axes it is given (or on new ones) and returns them. 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Protocol
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.animation import PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
-from numpy.typing import ArrayLike
+from matplotlib.patches import Rectangle
+from numpy.typing import ArrayLike, NDArray
 
-from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.impact_rates import corner_exponent
-from stochvi.mathematics.shown_units import RATE, SPEED
+from stochvi.mathematics.impact_rates import corner_exponent, normal_density
+from stochvi.mathematics.numerics import Vector
+from stochvi.mathematics.units import ACCELERATION, RATE, SI_ACCELERATION, SPEED, TIME, shown_as
+from stochvi.results.base import ROTATIONS, Response, in_angles
 from stochvi.results.estimates import Estimate
-from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import Restitution
-from stochvi.views.axes import axes_or_new, draw_stops, length_unit
-from stochvi.views.colours import BAND_ALPHA, COLOURS
+from stochvi.views.axes import (
+    BAND_ALPHA,
+    COLOURS,
+    OWNERS,
+    add_grid,
+    as_written,
+    axes_or_new,
+    draw_stop_bands,
+    draw_stops,
+    length_unit,
+    owner_colours,
+    thinned,
+)
+from stochvi.views.files import write_bytes
+from stochvi.views.tables import print_frame
 
 if TYPE_CHECKING:
-    from stochvi.scenes.scene import Scene
+    import pandas as pd
+    from rich.console import Console
+
+    from stochvi.methods.fokker_planck import FirstPassage
+    from stochvi.scenes.scene import ImpactPair, Scene
+    from stochvi.statistics.densities import Overview
+    from stochvi.statistics.histories import History
+
+
+# ------------------------------------------------------------------------------
+# The picture of a first passage: its probability against time.
+# ------------------------------------------------------------------------------
+
+
+SINGLE_TIME_SPAN = 1000.0
+"""Ratio of the ends of the time axis where the answer has a single time."""
+
+MANY_TIMES = 15
+"""Number of times above which their marks are drawn small."""
+
+FAINTEST = 1e-8
+"""Smallest probability that a picture shows, relative to its largest."""
+
+
+def plot_first_passage(found: FirstPassage, ax: Axes | None = None) -> Axes:
+    """P(first passage before t) against time, with the curve of constant rates.
+
+    Both axes are logarithmic. `found` shows its own times as marks; the line between them is
+    drawn where there are many.
+    """
+    ax = axes_or_new(ax)
+    times = np.array(found.times)
+    chances = np.array([estimate.value for estimate in found.probability])
+    order = np.argsort(times)
+    shown = order[(times[order] > 0.0) & (chances[order] > 0.0)]
+    if not len(shown):
+        raise ValueError("a picture needs a time with a probability above 0")
+    last = times[shown[-1]]
+    first = times[shown[0]] if len(shown) > 1 else last / SINGLE_TIME_SPAN
+    grid = np.geomspace(first, last, 201)
+    rates = [("rate in the end, from the first moment", found.decay_rate, "-")]
+    if found.rice_rate is not None:
+        rates.append(("Rice, no memory", found.rice_rate, "--"))
+    for label, rate, style in rates:
+        ax.plot(
+            TIME(grid), -np.expm1(-rate.value * grid), color=COLOURS["stop"], linestyle=style,
+            linewidth=1.3, label=label,
+        )  # fmt: skip
+    ax.plot(
+        TIME(times[shown]), chances[shown], "o-", color=COLOURS["fokker-planck"], linewidth=1.8,
+        markersize=3.0 if len(shown) > MANY_TIMES else 5.5, label=f"start: {found.start}",
+    )  # fmt: skip
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    low = min(chances[shown].min(), -np.expm1(-found.decay_rate.value * grid[0]))
+    # a probability is never above 1
+    ax.set_ylim(max(low / 2.0, FAINTEST * chances[shown].max()), 2.0)
+    ax.set_xlabel(f"time ({TIME})")
+    ax.set_ylabel("P(first passage before t)")
+    add_grid(ax)
+    ax.legend(frameon=False, loc="lower right")
+    return ax
+
+
+# ------------------------------------------------------------------------------
+# Pictures of an overview: densities of displacement and velocity, and a short record.
+# ------------------------------------------------------------------------------
+
+
+CURVE_POINTS = 801
+"""Number of points of the curve of a normal distribution."""
+
+
+def plot_displacement_density(found: Overview, ax: Axes | None = None) -> Axes:
+    """The histogram, the exact density where one is known, the law without stops, the stops."""
+    ax = axes_or_new(ax)
+    edges = found.displacement.edges
+    unit, name = length_unit(float(np.abs(edges[[0, -1]]).max()))
+    ax.stairs(
+        found.displacement.density * unit, edges / unit, fill=True, color=COLOURS["simulate"],
+        alpha=0.45, label="Monte Carlo",
+    )  # fmt: skip
+    if found.exact_displacement is not None:
+        known = found.exact_displacement
+        ax.plot(
+            known["displacement"] / unit, known["density"] * unit, color=COLOURS["exact"],
+            linewidth=1.8, label="exact",
+        )  # fmt: skip
+    if found.std_without_stops is not None:
+        x = np.linspace(edges[0], edges[-1], CURVE_POINTS)
+        density = normal_density(x, found.mean_without_stops, found.std_without_stops)
+        ax.plot(
+            x / unit, density * unit, color=COLOURS["stop"], linestyle="--", linewidth=1.4,
+            label="without stops",
+        )  # fmt: skip
+    ax.set_ylim(bottom=0.0)
+    draw_stops(ax, found.scene, unit, vertical=True)
+    ax.set_xlabel(f"displacement ({name})")
+    ax.set_ylabel(f"probability density (1/{name})")
+    _legend_above(ax)
+    return ax
+
+
+def plot_velocity_density(found: Overview, ax: Axes | None = None) -> Axes:
+    """The histogram and a normal distribution: the exact one or, where none is known, that of its
+    rms."""
+    ax = axes_or_new(ax)
+    edges, unit = found.velocity.edges, SPEED.shown.si
+    ax.stairs(
+        found.velocity.density * unit, edges / unit, fill=True, color=COLOURS["simulate"],
+        alpha=0.45, label="Monte Carlo",
+    )  # fmt: skip
+    v = np.linspace(edges[0], edges[-1], CURVE_POINTS)
+    if found.exact_velocity_std is None:
+        ax.plot(
+            v / unit, normal_density(v, 0.0, found.velocity_rms) * unit, color=COLOURS["stop"],
+            linestyle="--", linewidth=1.4, label="normal distribution, same rms",
+        )  # fmt: skip
+    else:
+        density = normal_density(v, 0.0, found.exact_velocity_std)
+        ax.plot(v / unit, density * unit, color=COLOURS["exact"], linewidth=1.8, label="exact")
+    ax.set_xlabel(f"velocity ({SPEED})")
+    ax.set_ylabel(f"probability density ({SPEED.inverse})")
+    _legend_above(ax)
+    return ax
+
+
+def plot_record(scene: Scene, path: pd.DataFrame, ax: Axes | None = None) -> Axes:
+    """A short record with its impacts marked on the stops, sized by impact speed."""
+    ax = axes_or_new(ax)
+    unit, name = length_unit(float(path["displacement"].abs().max()))
+    ax.plot(
+        TIME(path["time"]), path["displacement"] / unit, color=COLOURS["simulate"], linewidth=1.1
+    )
+    hits = path[path["impact_speed"] != 0.0]
+    if len(hits):
+        pair = scene.impact_pairs[0]
+        place = np.where(hits["impact_speed"] > 0.0, pair.upper or 0.0, pair.lower or 0.0)
+        size = hits["impact_speed"].abs() / hits["impact_speed"].abs().max()
+        ax.scatter(
+            TIME(hits["time"]), place / unit, s=12.0 + 60.0 * size,
+            color=COLOURS["linearise:closure"], edgecolor="white", linewidth=0.6, zorder=3,
+            label=f"{len(hits)} impact{'s' if len(hits) > 1 else ''}, larger = faster",
+        )  # fmt: skip
+    draw_stops(ax, scene, unit, vertical=False)
+    ax.set_xlim(TIME(path["time"].iloc[0]), TIME(path["time"].iloc[-1]))
+    ax.set_xlabel(f"time ({TIME})")
+    ax.set_ylabel(f"displacement ({name})")
+    if len(hits):
+        _legend_above(ax)
+    return ax
+
+
+def draw_overview(found: Overview, title: str) -> Axes:
+    """Densities of x and v and a short record in one figure; returns the record's Axes."""
+    figure, axes = plt.subplot_mosaic(
+        [["x", "v"], ["record", "record"]], figsize=(9.6, 6.8), layout="constrained"
+    )
+    plot_displacement_density(found, axes["x"])
+    plot_velocity_density(found, axes["v"])
+    figure.suptitle(title)
+    return plot_record(found.scene, found.record, axes["record"])
+
+
+def _legend_above(ax: Axes) -> None:
+    ax.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+
+
+# ------------------------------------------------------------------------------
+# One realisation on a terminal, as a picture of its motion and impacts, and as an animation.
+# ------------------------------------------------------------------------------
+
+
+MOST_MARKS = 1000
+"""Largest number of impacts of a pair that are marked. If there are more, the fastest in each of so
+many equal intervals is marked."""
+
+SMALLEST_MARK, MARK_GROWTH = 10.0, 50.0
+"""Area of the mark of an impact at speed 0, and addition to it for the fastest impact, points^2."""
+
+MOST_COLUMNS = 8
+"""Largest number of names beside each other in a legend."""
+
+FRAMES, FRAMES_PER_PERIOD, FRAMES_PER_SECOND = 120, 15, 20
+"""Number of frames in an animation, in a mean period of the motion, and in a second of watching."""
+
+FLASH = 2
+"""Number of frames after an impact for which its stop is lit."""
+
+BLOCK_WIDTH = 0.16
+"""Width of a mass in an animation, in units of the farthest place that anything reaches."""
+
+ANIMATION_DPI = 80
+"""Resolution of an animation, dots per inch: a few megabytes at most."""
+
+SHOWN = {
+    "displacement_mean": ("mean displacement", "m"),
+    "displacement_std": ("standard deviation of displacement", "m"),
+    "displacement_min": ("smallest displacement", "m"),
+    "displacement_max": ("largest displacement", "m"),
+    "velocity_std": ("standard deviation of velocity", "m/s"),
+    "acceleration_std": ("standard deviation of acceleration", "m/s^2"),
+    "acceleration_max": ("largest size of the acceleration", "m/s^2"),
+    "hits": ("impacts", ""),
+    "hits_lower": ("impacts on the lower stop", ""),
+    "hits_upper": ("impacts on the upper stop", ""),
+    "impact_speed_max": ("largest impact speed", "m/s"),
+}
+"""Quantities that a terminal shows, in words, and their SI units."""
+
+
+def print_history(console: Console, found: History) -> None:
+    """Print the quantities of the history, and the meanings of the columns of its table."""
+    import pandas as pd
+
+    rows = []
+    for group in (found.coordinates, found.impact_pairs):
+        for owner, numbers in group.items():
+            for name, value in numbers.items():
+                words, unit = SHOWN[name]
+                quantity = shown_as(in_angles(owner, unit))
+                cell = f"{quantity(value):.5g}"
+                rows.append({"of": owner, "quantity": quantity.heading(words), "value": cell})
+    print_frame(console, pd.DataFrame(rows), "one realisation, which has no standard error")
+    for name, meaning in found.meanings.items():
+        console.print(f"{name}: {meaning}", style="dim", highlight=False, markup=False)
+    console.print(found.summary(), highlight=False, markup=False)
+    for warning in found.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False, markup=False)
+
+
+class _Panel(NamedTuple):
+    """Curves that are drawn over each other: columns by their labels, what they are, the pairs
+    whose stops stand beside them, and whether they are angles."""
+
+    columns: dict[str, str]
+    words: str
+    pairs: Sequence[ImpactPair] = ()
+    turns: bool = False
+
+
+def draw_history(found: History, scene: Scene, title: str = "") -> Axes:
+    """Displacements and gaps with stops and impacts, and absolute accelerations below them.
+
+    A coordinate between stops of its own has a panel of its own. The others share one for
+    displacements, one for rotations, and one for each point of a body. Long histories are drawn by
+    the smallest and largest values of neighbouring samples.
+    """
+    panels = [*_motion_panels(found, scene), *_acceleration_panels(found, scene)]
+    rows = len(panels)
+    figure, grid = plt.subplots(
+        rows, 1, figsize=(9.6, 2.4 * rows + 0.8), sharex=True, squeeze=False, layout="constrained"
+    )
+    for panel, ax in zip(panels, grid[:, 0], strict=True):
+        _plot_panel(found, panel, ax)
+    grid[-1, 0].set_xlabel(f"time ({TIME})")
+    grid[0, 0].margins(x=0.0)
+    figure.suptitle(title or "one realisation", fontsize="medium")
+    first: Axes = grid[0, 0]
+    return first
+
+
+def _motion_panels(found: History, scene: Scene) -> list[_Panel]:
+    """Panels of the displacements, in the order of the table, and then of the gaps."""
+    pairs, panels = scene.expanded.impact_pairs, []
+    shared: dict[str, dict[str, str]] = {}
+    for column in (str(name) for name in found.samples):
+        prefix = column.rpartition(".")[0]
+        if not _ends(column, "displacement_m") or prefix not in _shown(scene):
+            continue
+        name, usual = prefix or _only(scene), next(iter(scene.expanded.structure.places))
+        own = [
+            pair
+            for pair in pairs
+            if (not prefix or (pair.on or usual) == name) and not _gap_column(found, scene, pair)
+        ]
+        if own:
+            panels.append(_Panel({name: column}, f"displacement of {name}", own))
+        else:
+            point = name.rpartition(".")[0]
+            kind = f"displacement of {point}" if point else "displacement"
+            shared.setdefault("rotation" if name in ROTATIONS else kind, {})[name] = column
+    for words, columns in shared.items():
+        alone = f" of {next(iter(columns))}" if len(columns) == 1 else ""
+        panels.append(_Panel(columns, words + alone, turns=words == "rotation"))
+    for pair in pairs:
+        if column := _gap_column(found, scene, pair):
+            words = " less ".join(pair.between) if pair.between else f"gap of {pair.name}"
+            panels.append(_Panel({words: column}, words, [pair]))
+    return panels
+
+
+def _shown(scene: Scene) -> tuple[str, ...]:
+    """Names of the displacements that are drawn; the one column of an oscillator has no name."""
+    return ("", *scene.expanded.structure.shown)
+
+
+def _gap_column(found: History, scene: Scene, pair: ImpactPair) -> str:
+    """Column of a gap that is no displacement of one place; empty where there is none."""
+    several = len(scene.expanded.impact_pairs) > 1
+    column = f"{pair.name}.gap_m" if several else "gap_m"
+    return column if _spans(pair) and column in found.samples else ""
+
+
+def _only(scene: Scene) -> str:
+    """Name of the one displacement of a scene that has one: of one mode, that of its gap."""
+    whole = scene.expanded
+    if not whole.structure.reported:
+        return whole.moving[0]
+    return whole.words_of(whole.impact_pairs[0]) if whole.impact_pairs else whole.structure.shown[0]
+
+
+def _acceleration_panels(found: History, scene: Scene) -> list[_Panel]:
+    """Panels of the absolute accelerations: of coordinates, and of rotations."""
+    columns = {
+        str(name).rpartition(".")[0]: str(name)
+        for name in found.samples
+        if _ends(str(name), "acceleration_m_s2") and str(name).rpartition(".")[0] in _shown(scene)
+    }
+    turning = {name: column for name, column in columns.items() if name in ROTATIONS}
+    moving = {name: column for name, column in columns.items() if name not in turning}
+    panels = [
+        _Panel(moving, "absolute\nacceleration"),
+        _Panel(turning, "angular\nacceleration", turns=True),
+    ]
+    return [panel for panel in panels if panel.columns]
+
+
+def _spans(pair: ImpactPair) -> bool:
+    """Whether the gap of a pair has a column of its own: between two masses, on a body, or a
+    weighted sum."""
+    return pair.between is not None or pair.at is not None or pair.weights is not None
+
+
+def _ends(name: str, quantity: str) -> bool:
+    """Whether a column holds a quantity of a coordinate (not of the base)."""
+    return name.rpartition(".")[2] == quantity
+
+
+def _plot_panel(found: History, panel: _Panel, ax: Axes) -> None:
+    """Curves in a unit that reads well, and their stops, on which the impacts are marked."""
+    time = found.samples["time_s"].to_numpy()
+    curves = {label: found.samples[column].to_numpy() for label, column in panel.columns.items()}
+    unit, unit_name = _unit(found, panel, max(float(np.abs(y).max()) for y in curves.values()))
+    for (label, y), colour in zip(curves.items(), owner_colours(len(curves)), strict=True):
+        name = label if len(curves) > 1 else None
+        ax.plot(*thinned(TIME(time), y / unit), color=colour, linewidth=0.8, label=name)
+    for pair in panel.pairs:
+        hits = _fastest(found.impacts[found.impacts["pair"] == pair.name], found.duration)
+        place = np.where(hits["side"] == "upper", pair.upper or 0.0, pair.lower or 0.0)
+        ax.scatter(
+            TIME(hits["time_s"]), place / unit,
+            s=SMALLEST_MARK + MARK_GROWTH * hits["speed_m_s"] / found.impacts["speed_m_s"].max(),
+            color=COLOURS["linearise:closure"], edgecolor="white", linewidth=0.5, zorder=3,
+            label="impacts, larger = faster" if len(hits) else None,
+        )  # fmt: skip
+    draw_stop_bands(ax, panel.pairs, unit, vertical=False)
+    join = " " if "\n" in panel.words else "\n"
+    ax.set_ylabel(f"{panel.words}{join}({unit_name})")
+    add_grid(ax)
+    labels = ax.get_legend_handles_labels()[1]
+    if labels:
+        ax.legend(
+            frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0),
+            ncols=min(len(labels), MOST_COLUMNS),
+        )  # fmt: skip
+
+
+def _unit(found: History, panel: _Panel, largest: float) -> tuple[float, str]:
+    """Unit of a panel, in SI, and its name: unless one is chosen, accelerations are in g where a
+    base is shaken, and in m/s^2 where forces act."""
+    if not _ends(next(iter(panel.columns.values())), "acceleration_m_s2"):
+        return (1e-3, "mrad") if panel.turns else length_unit(largest)
+    if panel.turns:
+        return 1.0, "rad/s²"
+    shaken = any(_ends(str(name), "base_acceleration_m_s2") for name in found.samples)
+    name, size = (ACCELERATION if shaken else SI_ACCELERATION).shown
+    return size, name
+
+
+def _fastest(hits: pd.DataFrame, duration: float) -> pd.DataFrame:
+    """The impacts to mark: all of them, or the fastest in each interval where there are more than
+    `MOST_MARKS`."""
+    if len(hits) <= MOST_MARKS:
+        return hits
+    interval = (hits["time_s"] * (MOST_MARKS / duration)).astype(int)
+    return hits.loc[hits.groupby(interval)["speed_m_s"].idxmax()]
+
+
+def write_animation(found: History, scene: Scene, path: Path, title: str = "") -> None:
+    """A GIF of masses between their stops, slowed down, around the fastest impact.
+
+    It shows about eight mean periods of the first coordinate; stops light up at impacts."""
+    time = _frame_times(found)
+    tracks = _tracks(found, scene, time)
+    reach = max(float(np.abs(place).max()) for track in tracks for place in track.places)
+    unit, name = length_unit(reach)
+    width = BLOCK_WIDTH * reach / unit
+    figure, ax = plt.subplots(figsize=(7.2, 1.6 + 0.9 * len(tracks)), layout="constrained")
+    try:
+        ax.set(xlim=(-1.25 * reach / unit, 1.25 * reach / unit), ylim=(-0.7, len(tracks) - 0.3))
+        ax.set_yticks(range(len(tracks)), [track.name for track in tracks])
+        ax.set_xlabel(f"displacement ({name})")
+        slow = len(time) / FRAMES_PER_SECOND / (time[-1] - time[0])
+        pace = f"{slow:.3g} times slower" if slow >= 1.0 else f"{1.0 / slow:.3g} times faster"
+        heading = ax.set_title(f"{title or 'one realisation'}, {pace} than it is", fontsize="small")
+        clock = ax.text(0.01, 0.97, "", transform=ax.transAxes, va="top", fontsize="small")
+        blocks, walls = [], []
+        for row, track in enumerate(tracks):
+            block = Rectangle((0.0, row - 0.25), width, 0.5, color=OWNERS[0])
+            ax.add_patch(block)
+            blocks.append((block, track.mass / unit - width / 2.0))
+            for wall in track.walls:
+                # the block is as wide as it is drawn: its faces meet the stops
+                edge = width / 2.0 if wall.side == "upper" else -width
+                patch = Rectangle((0.0, row - 0.35), width / 2.0, 0.7)
+                ax.add_patch(patch)
+                walls.append((patch, wall.place / unit + edge, wall.lit))
+        heading.set_parse_math(False)
+        as_written(ax)
+        figure.canvas.draw()
+        figure.set_layout_engine("none")  # the layout of the first frame is kept in all frames
+        writer = PillowWriter(fps=FRAMES_PER_SECOND)
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "animation.gif"
+            with writer.saving(figure, str(file), ANIMATION_DPI):
+                for frame, now in enumerate(time):
+                    clock.set_text(f"{now:.4f} s")
+                    for block, places in blocks:
+                        block.set_x(places[frame])
+                    for patch, places, lit in walls:
+                        patch.set_x(places[frame])
+                        patch.set_color(COLOURS["linearise:closure" if lit[frame] else "stop"])
+                    writer.grab_frame()
+            data = file.read_bytes()
+    finally:
+        plt.close(figure)
+    write_bytes(data, path)
+
+
+class Wall(NamedTuple):
+    """A stop in an animation: its side, its place (m) and whether it is lit, at each frame."""
+
+    side: str
+    place: Vector
+    lit: NDArray[np.bool_]
+
+
+class Track(NamedTuple):
+    """A row of an animation: its name, the place of a mass at each frame (m), and its stops."""
+
+    name: str
+    mass: Vector
+    walls: tuple[Wall, ...]
+
+    @property
+    def places(self) -> tuple[Vector, ...]:
+        """Places of the mass and of the stops."""
+        return (self.mass, *(wall.place for wall in self.walls))
+
+
+def _frame_times(found: History) -> Vector:
+    """Times of the frames: equal steps of a mean period, around the fastest impact."""
+    samples = found.samples
+    column = next(str(name) for name in samples if _ends(str(name), "displacement_m"))
+    x = samples[column].to_numpy() - samples[column].mean()
+    end = float(samples["time_s"].iloc[-1])
+    turns = max(1, int(np.count_nonzero(np.diff(np.sign(x)))) // 2)
+    shown = min(end, FRAMES / FRAMES_PER_PERIOD * end / turns)
+    hits = found.impacts
+    middle = shown / 2.0
+    if len(hits):
+        middle = float(hits["time_s"].iloc[int(hits["speed_m_s"].argmax())])
+    start = min(max(0.0, middle - shown / 2.0), end - shown)
+    return np.linspace(start, start + shown, FRAMES)
+
+
+def _tracks(found: History, scene: Scene, time: Vector) -> list[Track]:
+    """A row for each pair, and for each coordinate that no pair begins with; the stops between two
+    masses move with the second."""
+    whole = scene.expanded
+    several = "displacement_m" not in found.samples
+    usual = next(iter(whole.structure.places))
+    held = set(whole.structure.coordinates) - set(whole.moving)
+    names = [name for name in whole.structure.shown if name not in held]
+    names = names if several else [_only(scene)]
+    sampled = found.samples["time_s"].to_numpy()
+
+    def place(name: str) -> Vector:
+        column = f"{name}.displacement_m" if several else "displacement_m"
+        if name.startswith("gap of ") and several:
+            owner = name.removeprefix("gap of ")
+            column = f"{owner}.gap_m" if len(whole.impact_pairs) > 1 else "gap_m"
+        elif name in whole.structure.coordinates and name not in whole.moving:
+            return np.zeros_like(time)  # the other masses are shown relative to this one
+        return np.asarray(np.interp(time, sampled, found.samples[column].to_numpy()))
+
+    tracks, seen = [], set()
+    for pair in whole.impact_pairs:
+        first, second = pair.between or (pair.on or usual, "")
+        if pair.at is not None or pair.weights is not None:
+            first = f"gap of {pair.name}"
+        apart = second and (several or second in whole.structure.coordinates)
+        carrier = place(second) if apart else np.zeros_like(time)
+        walls = tuple(
+            Wall(side, carrier + stop, _lit(found, pair.name, side, time))
+            for side, stop in (("lower", pair.lower), ("upper", pair.upper))
+            if stop is not None
+        )
+        label = f"{first}\nin {second}" if second else first
+        tracks.append(Track(label, place(first), walls))
+        seen.add(first)
+    return tracks + [Track(name, place(name), ()) for name in names if name not in seen]
+
+
+def _lit(found: History, pair: str, side: str, time: Vector) -> NDArray[np.bool_]:
+    """Whether a stop was hit within the last frames."""
+    hits = found.impacts
+    times = hits["time_s"][(hits["pair"] == pair) & (hits["side"] == side)].to_numpy()
+    last = np.append(-np.inf, times)[np.searchsorted(times, time, side="right")]
+    return np.asarray(time - last <= FLASH * (time[1] - time[0]))
+
+
+# ------------------------------------------------------------------------------
+# Pictures of a stationary density:
+# ------------------------------------------------------------------------------
 
 
 REACH = 3.5
@@ -34,7 +577,7 @@ REACH = 3.5
 DECADES = 4.0
 """Number of decades of the density that the picture of its plane spans."""
 
-PLANE_POINTS, CURVE_POINTS = 241, 401
+PLANE_POINTS, DENSITY_POINTS = 241, 401
 """Number of points along each side of a plane, and along a curve: odd, so that v = 0 is a point."""
 
 SLIT = 0.04
@@ -76,7 +619,7 @@ def plot_plane(scene: Scene, found: Density, ax: Axes | None = None) -> Axes:
     Stops are grey bands. At an inelastic rigid stop the density is infinite at v = 0, seen as a
     slit: a mass that comes at v > 0 leaves at -R v, nearer to 0."""
     ax = axes_or_new(ax, SIZE)
-    (x, v), (unit, name) = _range(scene, found), _unit(scene, found)
+    (x, v), (unit, name) = _range(scene, found), _density_unit(scene, found)
     p = found.density(x[None, :], v[:, None]) * unit * SPEED.shown.si
     finite = p[np.isfinite(p) & (p > 0.0)]
     top = float(np.quantile(finite, 0.999))
@@ -105,7 +648,7 @@ def plot_impact_speeds(scene: Scene, found: Density, ax: Axes | None = None) -> 
     """
     ax = axes_or_new(ax, SIZE)
     rms = _value(found, "velocity_std")
-    w = rms * np.geomspace(SLOWEST, FASTEST, CURVE_POINTS)
+    w = rms * np.geomspace(SLOWEST, FASTEST, DENSITY_POINTS)
     colours = {"lower": COLOURS["linearise:closure"], "upper": COLOURS["fokker-planck"]}
     largest = 0.0
     for side, _ in _stops(scene):
@@ -116,7 +659,7 @@ def plot_impact_speeds(scene: Scene, found: Density, ax: Axes | None = None) -> 
         law = scene.impact_pairs[0].law_of(side)
         if isinstance(law, Restitution):
             beta = corner_exponent(law.slow_restitution)
-            start, anchor = w[: CURVE_POINTS // 2], CURVE_POINTS // 4
+            start, anchor = w[: DENSITY_POINTS // 2], DENSITY_POINTS // 4
             line = MARGIN * flux[anchor] * (start / w[anchor]) ** (1.0 - beta)
             text = f"w^(1 - β), β = {beta:.3g} (R = {law.coefficient})"
             ax.plot(SPEED(start), line, ":", color=colours[side], label=text)
@@ -136,7 +679,7 @@ def plot_marginals(
     if axes is None:
         _, pair = plt.subplots(1, 2, figsize=(9.0, 3.6), layout="constrained")
         axes = (pair[0], pair[1])
-    (x, v), (unit, name) = _range(scene, found), _unit(scene, found)
+    (x, v), (unit, name) = _range(scene, found), _density_unit(scene, found)
     mean = _value(found, "displacement_mean")
     curves = (
         (axes[0], x / unit, found.displacement_density(x) * unit,
@@ -210,7 +753,7 @@ def _range(scene: Scene, found: Density) -> tuple[Vector, Vector]:
     return np.linspace(low, high, PLANE_POINTS), np.linspace(-fast, fast, PLANE_POINTS)
 
 
-def _unit(scene: Scene, found: Density) -> tuple[float, str]:
+def _density_unit(scene: Scene, found: Density) -> tuple[float, str]:
     x, _ = _range(scene, found)
     return length_unit(float(np.abs(x).max()))
 

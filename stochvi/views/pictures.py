@@ -9,42 +9,55 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from stochvi.mathematics.shown_units import LENGTH, SPEED, TIME
+from stochvi.mathematics.units import LENGTH, SPEED, TIME
+from stochvi.results.base import ROTATIONS
 from stochvi.results.errors import StochviError
-from stochvi.results.quantity_units import ROTATIONS
-from stochvi.views.absorber_sine import plot_absorber_sine
-from stochvi.views.absorbers import draw_design, draw_levels
+from stochvi.views.absorbers import draw_design, draw_levels, plot_absorber_sine
 from stochvi.views.axes import (
+    COLOURS,
+    GRID_COLOUR,
+    OWNERS,
     SCREEN,
     add_grid,
     around_shock,
     axes_or_new,
     length_unit,
+    owner_colours,
     seconds_of,
     thinned,
 )
-from stochvi.views.basins import draw_bifurcation, plot_basins, plot_lifetimes
-from stochvi.views.bumper_map import plot_bumper_map
-from stochvi.views.colours import COLOURS, GRID_COLOUR, OWNERS, owner_colours
-from stochvi.views.damage import plot_damage
-from stochvi.views.first_passage import plot_first_passage
-from stochvi.views.identification import plot_identification
-from stochvi.views.impacts import draw_impacts, plot_histogram
-from stochvi.views.pairs import plot_pairs_risk
-from stochvi.views.production import plot_production
-from stochvi.views.replay import plot_clearances, plot_history
+from stochvi.views.density import plot_first_passage
+from stochvi.views.isolator_tables import (
+    plot_damage_sizing,
+    plot_mission_sizing,
+    plot_pairs_risk,
+    plot_production,
+)
 from stochvi.views.report.missions import plot_chances
-from stochvi.views.screening import plot_screening
-from stochvi.views.sine import plot_sine
-from stochvi.views.sized_missions import plot_damage_sizing, plot_mission_sizing
-from stochvi.views.sizing import plot_risk
-from stochvi.views.spectra import draw_spectrum, plot_curve
-from stochvi.views.stability import plot_stability
+from stochvi.views.sine import (
+    draw_bifurcation,
+    plot_basins,
+    plot_lifetimes,
+    plot_sine,
+    plot_stability,
+)
+from stochvi.views.sizing import plot_risk, plot_screening
+from stochvi.views.statistics import (
+    draw_impacts,
+    draw_spectrum,
+    plot_bumper_map,
+    plot_curve,
+    plot_damage,
+    plot_histogram,
+)
 from stochvi.views.tables import value_with_error
 from stochvi.views.verification import (
     WORK_TITLES,
     draw_scores,
     draw_work_precision,
+    plot_clearances,
+    plot_history,
+    plot_identification,
     plot_work_precision,
 )
 
@@ -52,16 +65,14 @@ if TYPE_CHECKING:
     from stochvi.isolators.jolt_response import Jolts
     from stochvi.isolators.sizing.answer import Sizing
     from stochvi.methods.fokker_planck.transients import Transient
-    from stochvi.methods.replay.answer import Replay
-    from stochvi.results.base import Result
-    from stochvi.results.response import PairResponse, Response
+    from stochvi.methods.replay.recorded_motion import Replay
+    from stochvi.results.base import PairResponse, Response, Result
     from stochvi.statistics.densities import AveragedBins, BandedDensity
     from stochvi.statistics.histories import History
     from stochvi.statistics.impacts import ImpactStatistics
     from stochvi.statistics.spectra import ResponseSpectrum
-    from stochvi.verification.check import Check
+    from stochvi.verification.check import Check, Explanation
     from stochvi.verification.cost import WorkPrecision
-    from stochvi.verification.explain import Explanation
     from stochvi.verification.testing.judging import Judgement
 
 ROW_HEIGHT, LEAST_HEIGHT = 0.22, 1.6

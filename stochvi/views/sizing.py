@@ -6,43 +6,237 @@ Pictures of the page of a report are drawn at half its width (`axes.PAGE`).
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
-from stochvi.mathematics.shown_units import (
+from stochvi.mathematics.impact_rates import normal_density
+from stochvi.mathematics.units import (
     ACCELERATION,
     DENSITY,
     LENGTH,
     RATE,
     SPEED,
     ShownQuantity,
+    power_ratio,
 )
-from stochvi.mathematics.truncated_normal import normal_density
-from stochvi.mathematics.units import power_ratio
-from stochvi.results.hardness import is_speed
-from stochvi.results.intervals import GAUSSIAN_95
+from stochvi.results.base import is_speed
+from stochvi.results.estimates import GAUSSIAN_95
 from stochvi.views.axes import (
+    CLEARANCES,
+    COLOURS,
+    OWNERS,
     PAGE,
     add_grid,
     add_title,
     axes_or_new,
     draw_stops,
     label_for_page,
+    legend_above,
     length_unit,
+    owner_colours,
 )
-from stochvi.views.colours import CLEARANCES, COLOURS, OWNERS
-from stochvi.views.words import count_of, name_of_answer, with_article
+from stochvi.views.tables import count_of, name_of_answer, with_article
 
 if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.axes import Axes
-
-    from stochvi.isolators.environment import Environment
+    from stochvi.isolators.screening import Environment, Screening
     from stochvi.isolators.sizing.answer import Sizing
-    from stochvi.isolators.sizing.motion import MotionBetweenStops
-    from stochvi.isolators.sizing.review import Review
+    from stochvi.isolators.sizing.review import MotionBetweenStops, Review
+
+
+# ------------------------------------------------------------------------------
+# Pictures of a linear screening.
+# ------------------------------------------------------------------------------
+
+
+SIGMAS = np.linspace(1.0, 6.0, 101)
+"""Clearances of the picture of one mass, in rms displacements."""
+
+
+def plot_screening(found: Screening, ax: Axes | None = None) -> Axes:
+    """Three sigma of every gap beside its stops; for one mass, impacts by Rice's formula against
+    clearance."""
+    one = len(found.coordinates) == 1 and len(found.impact_pairs) < 2
+    return _plot_rice(found, ax) if one else _plot_gaps(found, ax)
+
+
+def _plot_rice(found: Screening, ax: Axes | None) -> Axes:
+    """Impacts by Rice's formula against the clearance of one mass, three sigma marked."""
+    ax = axes_or_new(ax)
+    sigma = found.displacement_std
+    unit, name = length_unit(3.0 * sigma)
+    places = SIGMAS * sigma
+    ax.semilogy(
+        places / unit,
+        [RATE(found.rice_rate(place)) for place in places],
+        color=COLOURS["exact"],
+        linestyle="--",
+        label="Rice, impacts change nothing",
+    )
+    ax.plot(
+        3.0 * sigma / unit,
+        RATE(found.rice_rate(3.0 * sigma)),
+        "o",
+        color=COLOURS["linearise:closure"],
+        label="3 sigma",
+    )
+    ax.set_xlabel(f"clearance per side ({name})")
+    ax.set_ylabel(f"impacts per {RATE.time}")
+    add_grid(ax)
+    ax.legend(frameon=False)
+    return ax
+
+
+def _plot_gaps(found: Screening, ax: Axes | None) -> Axes:
+    """Three sigma of every gap about its mean, and the stops where they are."""
+    gaps = found.impact_pairs
+    ax = axes_or_new(ax, (6.8, 0.9 + 0.42 * max(len(gaps), 3)))
+    places = [max(gap.three_sigma, *gap.stops.values()) for gap in gaps.values()]
+    unit, unit_name = length_unit(max(places, default=1.0))
+    for row, gap in enumerate(gaps.values()):
+        half = gap.three_sigma / unit
+        ax.barh(row, 2.0 * half, left=-half, color=COLOURS["simulate"], alpha=0.5, height=0.5)
+        for side, distance in gap.stops.items():
+            at = (distance if side == "upper" else -distance) / unit
+            ax.plot([at, at], [row - 0.4, row + 0.4], color=COLOURS["stop"], linewidth=4)
+    ax.plot([], [], color=COLOURS["stop"], linewidth=4, label="stop")
+    ax.barh([0], [0], color=COLOURS["simulate"], alpha=0.5, label="3 sigma, nothing hit")
+    ax.set_yticks(range(len(gaps)), list(gaps))
+    ax.invert_yaxis()
+    ax.set_xlabel(f"gap, from its mean ({unit_name})")
+    legend_above(ax)
+    return ax
+
+
+# ------------------------------------------------------------------------------
+# Pictures of impact rates against the clearance of the stops.
+# ------------------------------------------------------------------------------
+
+
+def plot_clearance_curve(
+    curve: pd.DataFrame, predicted: pd.DataFrame | None = None, ax: Axes | None = None
+) -> Axes:
+    """Impact rate against clearance: Rice, closure, and Monte Carlo with its 95 % interval.
+
+    `curve` comes from `clearance_curve`; `predicted` from `predicted_curve`. A picture of one pair
+    tells the methods apart by colour, one of several pairs the pairs.
+    """
+    ax = axes_or_new(ax, (6.8, 4.6))
+    smooth = curve if predicted is None else predicted
+    several = "pair" in curve
+    for (name, rows), (_, lines), colours in zip(
+        _by_pair(curve), _by_pair(smooth), _colours(curve), strict=True
+    ):
+        rice, closure, simulated = colours
+        sigma = lines["clearance_in_sigma"]
+        ax.plot(
+            sigma, RATE(lines["rice"]), color=rice, linestyle="--", label=None if several else RICE
+        )
+        if lines["closure"].notna().any():
+            ax.plot(
+                sigma, RATE(lines["closure"]), color=closure, linewidth=1.0 if several else None,
+                label=None if several else "moment closure",
+            )  # fmt: skip
+        _error_bars(
+            ax, rows, RATE(rows["simulated"]), RATE.shown.si, simulated, name or MONTE_CARLO
+        )
+    if several:
+        ax.plot([], [], color="0.4", linestyle="--", label=RICE)
+        ax.plot([], [], color="0.4", linewidth=1.0, label="moment closure")
+    ax.set_yscale("log")
+    ax.set_xlabel(_sigma_label(curve))
+    ax.set_ylabel(f"impacts on the stops{' of a pair' if several else ''} ({RATE})")
+    add_grid(ax)
+    ax.legend(frameon=False)
+    if not several:
+        _add_lengths(ax, curve)
+    return ax
+
+
+RICE, MONTE_CARLO = "Rice, no impacts", "Monte Carlo, 95 %"
+
+
+def _add_lengths(ax: Axes, curve: pd.DataFrame) -> None:
+    """The clearances of one pair as lengths, on an upper axis."""
+    unit, name = length_unit(float(curve["clearance"].max()))
+    per_sigma = float(curve["clearance"].iloc[0] / curve["clearance_in_sigma"].iloc[0]) / unit
+    top = ax.secondary_xaxis(
+        "top", functions=(lambda s: np.asarray(s) * per_sigma, lambda c: np.asarray(c) / per_sigma)
+    )
+    top.set_xlabel(f"clearance per side ({name})")
+
+
+def plot_clearance_ratio(
+    curve: pd.DataFrame, predicted: pd.DataFrame | None = None, ax: Axes | None = None
+) -> Axes:
+    """The same rates divided by Rice's, which shows what the impacts themselves change."""
+    ax = axes_or_new(ax)
+    smooth = curve if predicted is None else predicted
+    ax.axhline(1.0, color=COLOURS["exact"], linestyle="--", linewidth=1.2)
+    for (_, rows), (_, lines), (_, closure, simulated) in zip(
+        _by_pair(curve), _by_pair(smooth), _colours(curve), strict=True
+    ):
+        ax.plot(lines["clearance_in_sigma"], lines["closure"] / lines["rice"], color=closure)
+        _error_bars(ax, rows, rows["simulated"] / rows["rice"], rows["rice"], simulated, None)
+    ax.set_xlabel(_sigma_label(curve))
+    ax.set_ylabel("rate / Rice")
+    add_grid(ax)
+    return ax
+
+
+def draw_clearance(curve: pd.DataFrame, predicted: pd.DataFrame, title: str) -> Axes:
+    """Rates, and their ratio to Rice's below them, in one figure; returns the upper Axes."""
+    figure, axes = plt.subplots(
+        2, 1, figsize=(6.8, 6.6), height_ratios=(2.0, 1.0), layout="constrained", sharex=True
+    )
+    above: Axes = axes[0]
+    below: Axes = axes[1]
+    plot_clearance_curve(curve, predicted, above).set_xlabel("")
+    plot_clearance_ratio(curve, predicted, below)
+    figure.suptitle(title or "impacts against clearance")
+    return above
+
+
+def _by_pair(table: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+    """Name and rows of each pair; the name is empty where there is one."""
+    if "pair" not in table:
+        return [("", table)]
+    return [(str(name), rows) for name, rows in table.groupby("pair", sort=False)]
+
+
+def _colours(curve: pd.DataFrame) -> list[Sequence[str]]:
+    """Colours of Rice's rate, the closure and the simulation, for each pair."""
+    if "pair" not in curve:
+        return [(COLOURS["exact"], COLOURS["linearise:closure"], COLOURS["simulate"])]
+    return [(colour,) * 3 for colour in owner_colours(curve["pair"].nunique())]
+
+
+def _error_bars(
+    ax: Axes, rows: pd.DataFrame, centre: pd.Series, scale: pd.Series | float, colour: str,
+    label: str | None,
+) -> None:  # fmt: skip
+    """Simulated rates over a scale, with their 95 % intervals."""
+    ax.errorbar(
+        rows["clearance_in_sigma"], centre, color=colour, fmt="o", markersize=4.5, capsize=3,
+        yerr=[centre - rows["simulated_low"] / scale, rows["simulated_high"] / scale - centre],
+        label=label,
+    )  # fmt: skip
+
+
+def _sigma_label(curve: pd.DataFrame) -> str:
+    moved = "of the gap" if "pair" in curve else "displacement"
+    return f"clearance per side / rms {moved} without stops"
+
+
+# ------------------------------------------------------------------------------
+# Pictures of a sizing and of its review:
+# ------------------------------------------------------------------------------
+
 
 LEAST_PROBABILITY = 1e-5
 """Lower end of the picture of the risk, unless the target lies lower."""
@@ -427,8 +621,8 @@ def plot_peaks(review: Review, ax: Axes | None = None) -> Axes:
     for number, ratio in enumerate(ratios):
         rows = table[table["stiffness_ratio"] == ratio]
         colour = colormaps["viridis"](0.85 - 0.7 * number / max(len(ratios) - 1, 1))
-        _error_bars(ax, rows, "o-", colour, f"stops {ratio:g} x the mount")
-    _error_bars(ax, table[own], "D", COLOURS["linearise:closure"], "stops of the scene")
+        _sizing_error_bars(ax, rows, "o-", colour, f"stops {ratio:g} x the mount")
+    _sizing_error_bars(ax, table[own], "D", COLOURS["linearise:closure"], "stops of the scene")
     free = ACCELERATION((table["largest_acceleration"] / table["peak_amplification"]).mean())
     ax.axhline(free, color=COLOURS["exact"], linestyle="--", linewidth=1.2, label="no stops")
     ax.set_yscale("log")
@@ -440,7 +634,7 @@ def plot_peaks(review: Review, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _error_bars(ax: Axes, rows: pd.DataFrame, form: str, colour: Any, label: str) -> None:
+def _sizing_error_bars(ax: Axes, rows: pd.DataFrame, form: str, colour: Any, label: str) -> None:
     half = GAUSSIAN_95 * ACCELERATION(rows["largest_acceleration_error"])
     ax.errorbar(
         LENGTH(rows["clearance"]), ACCELERATION(rows["largest_acceleration"]), yerr=half,

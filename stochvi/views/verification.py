@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
@@ -9,14 +10,75 @@ import numpy as np
 from matplotlib.axes import Axes
 from scipy.special import ndtri
 
-from stochvi.verification.check import AGREES, DISAGREES
-from stochvi.verification.cost import NOISE
-from stochvi.views.axes import add_grid, axes_or_new
-from stochvi.views.colours import COLOURS
+from stochvi.mathematics.units import (
+    ACCELERATION,
+    DENSITY,
+    FORCE,
+    LENGTH,
+    MILLIRADIANS,
+    MILLISECONDS,
+    NUMBER,
+    SPEED,
+    TIME,
+    shown_as,
+)
+from stochvi.results.base import ROTATIONS, of_angle
+from stochvi.results.estimates import format_with_error
+from stochvi.verification.check import (
+    AGREES,
+    APPROXIMATE,
+    BALANCE,
+    BALANCES_ONLY,
+    DETERMINISTIC_ERROR,
+    DISAGREES,
+    OTHER_THRESHOLD,
+    STOPPED_EARLY,
+    Check,
+    Comparison,
+)
+from stochvi.verification.cost import (
+    NOISE,
+    TARGETS,
+    ModelError,
+    StepError,
+    WorkPrecision,
+    spoken_time,
+)
+from stochvi.views.axes import (
+    COLOURS,
+    OWNERS,
+    add_grid,
+    around_shock,
+    axes_or_new,
+    length_unit,
+    owner_colours,
+    seconds_of,
+    thinned,
+)
+from stochvi.views.tables import (
+    NO_VALUE,
+    QUANTITY_NAMES,
+    UNKNOWN,
+    effects_in_words,
+    formatted_cell,
+    four_digits,
+    new_table,
+    print_frame,
+    print_line,
+    print_table,
+    spoken_length,
+    value_with_error,
+)
 
 if TYPE_CHECKING:
-    from stochvi.verification.check_of_many import Checks
-    from stochvi.verification.cost import WorkPrecision
+    import pandas as pd
+    from rich.console import Console
+
+    from stochvi.identification import Identification
+    from stochvi.isolators.record_verdict import RecordVerdict
+    from stochvi.methods.replay import Replay, ReplayAt
+    from stochvi.verification.check import Checks, Explanation
+    from stochvi.verification.testing.judging import Finding, Judgement
 
 MOST_PANELS = 9
 """Largest number of quantities in a picture of errors against time: more would be too small."""
@@ -135,4 +197,691 @@ def draw_scores(found: Checks, ax: Axes | None = None) -> Axes:
     ax.set_xlabel("score expected of a normal variable")
     ax.set_ylabel("difference / standard error")
     ax.legend(frameon=False, loc="lower right")
+    return ax
+
+
+# ------------------------------------------------------------------------------
+# Verdicts, costs and explanations on a terminal.
+# ------------------------------------------------------------------------------
+
+
+NOT_JUDGED = (APPROXIMATE, OTHER_THRESHOLD)
+"""Verdicts on approximations."""
+
+
+def print_check(console: Console, verdict: Check) -> None:
+    """Print what was judged, the errors of linearisation, and the verdict in a sentence."""
+    judged = [row for row in verdict.comparisons if row.verdict not in NOT_JUDGED]
+    for method in dict.fromkeys(row.method for row in judged):
+        _print_judged(console, [row for row in judged if row.method == method])
+    _print_approximations(console, verdict)
+    for reason in verdict.left_out:
+        if not reason.startswith(STOPPED_EARLY):
+            print_line(console, f"left out: {reason}")
+        elif reason != verdict.summary():  # which is printed below
+            print_line(console, reason)
+    for response in verdict.responses[:1]:
+        for warning in response.warnings:
+            console.print(f"note: {warning}", style="yellow", highlight=False)
+    console.print(verdict.summary(), style="green" if verdict.passed else "bold red")
+
+
+def print_checks(console: Console, verdict: Checks) -> None:
+    """Print a line for each scene, every alarm, and the verdict in a sentence."""
+    overview = verdict.overview()
+    headings = [str(name) for name in overview.columns]
+    table = new_table("scenes, under one alarm rate", headings, ["scene", "methods", "verdict"])
+    for line in overview.itertuples(index=False):
+        cells = [formatted_cell(cell, ".2f" if isinstance(cell, float) else "") for cell in line]
+        cells = ["" if cell == "nan" else cell for cell in cells]
+        table.add_row(*cells, style="" if cells[-1] in ("passed", BALANCES_ONLY) else "bold red")
+    print_table(console, table)
+    for name, row in verdict.alarms:
+        print_line(
+            console,
+            f"alarm: {name}: {row.quantity} of {row.of}: {row.method} {row.value:.6g}, "
+            f"{row.reference} {row.reference_value:.6g}, allowed {row.tolerance:.1e}",
+        )
+    console.print(verdict.summary(), style="green" if verdict.passed else "bold red")
+
+
+def print_problems(console: Console, sentences: Mapping[str, str]) -> None:
+    """Print a line for each problem: its name, and a sentence that describes it."""
+    width = max(map(len, sentences))
+    for name, sentence in sentences.items():
+        console.print(f"{name:{width}}  {sentence}", markup=False, highlight=False, soft_wrap=True)
+
+
+def print_judgement(console: Console, verdict: Judgement) -> None:
+    """Print every quantity with its true value, likely causes of disagreements, and the verdict."""
+    if verdict.read_as:
+        print_line(console, verdict.read_as)
+    headings = ["quantity", "truth", "found", "off by (%)", "visible (%)", "verdict"]
+    table = new_table("judged against the known answer", headings, ["quantity", "verdict"])
+    for row in verdict.findings:
+        style = "bold red" if row in verdict.failures else ""
+        table.add_row(*_finding_cells(row), style=style)
+    print_table(console, table)
+    for reason in verdict.left_out:
+        print_line(console, f"left out: {reason}")
+    for hint in verdict.hints:
+        print_line(console, f"looks like: {hint}")
+    console.print(
+        verdict.summary(), style="green" if verdict.passed else "bold red", highlight=False
+    )
+
+
+def _finding_cells(row: Finding) -> list[str]:
+    if row.value is None or row.standard_error is None or row.bias_percent is None:
+        return [row.quantity, f"{row.truth:.6g} {row.unit}", "not finite", "", "", row.verdict]
+    assert row.bias_error_percent is not None and row.visible_percent is not None
+    return [
+        row.quantity,
+        f"{row.truth:.6g} {row.unit}",
+        format_with_error(row.value, row.standard_error),
+        format_with_error(row.bias_percent, row.bias_error_percent),
+        f"{row.visible_percent:.2g}",
+        row.verdict,
+    ]
+
+
+def _print_judged(console: Console, judged: Sequence[Comparison]) -> None:
+    """The comparisons and balances of one method that claims to be right."""
+    against = [row.reference for row in judged if row.of != BALANCE]
+    title = f"judged: {judged[0].method}"
+    title += f" against {against[0]}, and its balances" if against else ", its balances"
+    headings = ["quantity", "reference", "value", "difference", "allowed", "verdict"]
+    table = new_table(title, headings)
+    for row in judged:
+        name = f"{row.quantity} balance" if row.of == BALANCE else QUANTITY_NAMES[row.quantity]
+        reference = "" if row.of == BALANCE else f"{row.reference_value:.6g}"
+        table.add_row(
+            name,
+            reference,
+            f"{row.value:.2e}" if row.of == BALANCE else f"{row.value:.6g}",
+            f"{row.difference:+.1e}",
+            "" if row.tolerance is None else f"{row.tolerance:.1e}",
+            row.verdict,
+            style="bold red" if row.verdict == DISAGREES else "",
+        )
+    print_table(console, table)
+
+
+def _print_approximations(console: Console, verdict: Check) -> None:
+    """Relative errors of the approximate methods against the reference, not judged."""
+    shown = [row for row in verdict.comparisons if row.verdict in NOT_JUDGED]
+    if not shown:
+        return
+    methods = list(dict.fromkeys(row.method for row in shown))
+    title = f"errors of approximations against {shown[0].reference} (%), not judged"
+    headings = ["quantity", *(method.removeprefix("linearise:") for method in methods)]
+    table = new_table(title, headings)
+    for quantity in dict.fromkeys(row.quantity for row in shown):
+        if quantity == "displacement_mean":
+            continue
+        rows = {row.method: row for row in shown if row.quantity == quantity}
+        cells = [_error_in_words(rows[method]) if method in rows else "" for method in methods]
+        table.add_row(QUANTITY_NAMES[quantity], *cells)
+    print_table(console, table)
+
+
+def _error_in_words(row: Comparison) -> str:
+    """The relative error in per cent; "never seen" where the reference value is 0, and no number
+    where the two count impacts above different speeds."""
+    if row.verdict == OTHER_THRESHOLD:
+        return "other threshold"
+    if row.reference_value == 0.0 != row.value:
+        return "never seen"
+    return f"{100.0 * row.relative:+.2f}"
+
+
+def print_explanation(console: Console, explanation: Explanation) -> None:
+    """Print which effects would be simulated, by which method, and the expected cost."""
+    words = ("simulated:", "not simulated:")
+    if not explanation.simulated:
+        words = ("in the scene:", "not in the scene:")
+    width = max(map(len, words)) + 1
+    for word, effects in zip(words, (explanation.effects, explanation.absent), strict=True):
+        console.print(f"{word:{width}}{effects_in_words(effects) or '-'}", highlight=False)
+    _print_modes(console, explanation)
+    for method, verdict in explanation.methods.items():
+        console.print(f"{method}: {verdict}", highlight=False)
+    plan = explanation.simulation
+    if plan is not None:
+        console.print(
+            f"{plan.method}: {plan.states} states, step {plan.step:.3g} s, {plan.steps_per_path} "
+            f"steps a path ({plan.burn_in:.3g} s of burn-in, {plan.duration:.3g} s counted), "
+            f"{plan.nanoseconds_per_step:.2g} ns a step here",
+            highlight=False,
+        )
+        for target, seconds in plan.seconds.items():
+            cost = "unknown"
+            if seconds is not None:
+                cost = f"about {seconds:.1g} s" if seconds < 10.0 else f"about {seconds:.0f} s"
+            console.print(
+                f"relative error {target:g}: {cost} ({plan.governed_by})", highlight=False
+            )
+    for assumption in explanation.assumptions:
+        print_line(console, f"assumed: {assumption}")
+    for note in explanation.notes:
+        console.print(f"note: {note}", style="yellow", highlight=False)
+
+
+def print_phases(console: Console, phases: Mapping[str, Explanation]) -> None:
+    """Print the explanation of each phase of a mission."""
+    for name, each in phases.items():
+        console.print(f"phase {name}", style="bold", highlight=False)
+        print_explanation(console, each)
+    print_line(console, "all phases together: size, reliability and damage")
+
+
+def _print_modes(console: Console, explanation: Explanation) -> None:
+    """Print the modes of a structure of several coordinates, and where it rests under loads."""
+    if len(explanation.modes) > 1:
+        axes = list(explanation.modes[0].effective_mass)
+        titles = [f"along {axis} (kg)" if axis else "eff. mass (kg)" for axis in axes]
+        table = new_table(
+            "natural modes without stops, and the mass that each moves with the base",
+            ["mode", "Hz", "zeta", *titles, "motion"],
+        )
+        for number, mode in enumerate(explanation.modes, start=1):
+            zeta = "-" if mode.damping_ratio is None else f"{mode.damping_ratio:.3g}"
+            moved = [f"{mode.effective_mass[axis]:.3g}" for axis in axes]
+            table.add_row(str(number), f"{mode.frequency_hz:.4g}", zeta, *moved, mode.motion)
+        print_table(console, table)
+    if explanation.rest:
+        listed = ", ".join(
+            f"{name} {(MILLIRADIANS if name in ROTATIONS else LENGTH).text(value, '.3g')}"
+            for name, value in explanation.rest.items()
+        )
+        print_line(console, f"at rest under constant loads: {listed}")
+    for name, gap in explanation.rest_of_gaps.items():
+        left = [
+            f"{LENGTH.text(distance, '.3g')} from its {side} stop"
+            for side, distance in (("lower", gap.to_lower), ("upper", gap.to_upper))
+            if distance is not None
+        ]
+        print_line(
+            console, f"{name} rests at {LENGTH.text(gap.position, '.3g')}, {' and '.join(left)}"
+        )
+
+
+def print_cost(console: Console, found: WorkPrecision) -> None:
+    """Print bias and statistical error at each step, the CPU times that follow, and errors of
+    models."""
+    steps = [f"{step:.3g} s" for step in found.steps]
+    bias = new_table("bias of the step (%)", ["quantity", *steps])
+    noise = new_table("standard error of one CPU second (%)", ["quantity", *steps])
+    for key in dict.fromkeys((row.of, row.quantity) for row in found.errors):
+        rows = [row for row in found.errors if (row.of, row.quantity) == key]
+        bias.add_row(_whose(found, *key), *(_step_bias(found, row) for row in rows))
+        noise.add_row(
+            _whose(found, *key), *(f"{100.0 * row.error_of_a_second:.2g}" for row in rows)
+        )
+    print_table(console, bias)
+    print_table(console, noise)
+    _print_prices(console, found)
+    _print_models(console, found)
+    against = f"biases are measured against: {found.reference}"
+    if found.reference == "fokker-planck":
+        against += " (itself against the simulation)"
+    if found.elastic:
+        against += "; with elastic stops there is none at any step, in theory"
+    print_line(console, against)
+    print_line(
+        console,
+        f"{found.method}, {found.cost.paths} paths at every step, {found.cost.wall_time:.3g} s on "
+        f"{found.cost.threads} threads; errors of a mean are relative to the standard "
+        "deviation of the displacement",
+    )
+    if not found.elastic:
+        print_line(
+            console,
+            "these are true errors; the interval that simulate states is wider, as it holds what "
+            "simulate knows of its own bias",
+        )
+    for reason in found.left_out:
+        console.print(f"note: {reason}", style="yellow", highlight=False)
+    console.print(found.summary(), style="green" if not found.left_out else "yellow")
+
+
+def _whose(found: WorkPrecision, owner: str, quantity: str) -> str:
+    """A quantity in words, with its owner where the scene has several coordinates or pairs."""
+    hits = [row.of for row in found.errors if row.quantity == "impact_speed_rate"]
+    moments = [row.of for row in found.errors if row.quantity == "velocity_mean_square"]
+    alone = len(set(hits)) < 2 and len(set(moments)) < 2
+    return QUANTITY_NAMES[quantity] if alone else f"{owner}: {QUANTITY_NAMES[quantity]}"
+
+
+def _step_bias(found: WorkPrecision, row: StepError) -> str:
+    """The bias of a step in per cent with its standard error; an upper limit where it may be
+    nothing but noise."""
+    if row.step_bias_limit is None:
+        return "unknown"
+    if row.bias_is_seen:
+        return format_with_error(100.0 * row.step_bias, 100.0 * row.step_bias_error)
+    if row.step_bias_error == 0.0:
+        return "reference"
+    return f"< {100.0 * (row.largest_bias if found.elastic else row.step_bias_limit):.2g}"
+
+
+def _print_prices(console: Console, found: WorkPrecision) -> None:
+    """Print the CPU seconds that bring statistical error and bias below each target, by step."""
+    targets = [f"{100.0 * target:g} %" for target in TARGETS]
+    groups = [("", False), ("impacts ", True)]
+    groups = [group for group in groups if found.of_step(found.steps[0], rates=group[1])]
+    headings = [name + target for name, _ in groups for target in targets]
+    table = new_table("CPU time until both are below (-: bias is not)", ["step", *headings])
+    for step in found.steps:
+        cells = []
+        for _, rates in groups:
+            for target in TARGETS:
+                prices = [row.seconds(target) for row in found.of_step(step, rates=rates)]
+                known = [price for price in prices if price is not None]
+                complete = bool(known) and len(known) == len(prices)
+                cells.append(spoken_time(max(known)) if complete else "-")
+        table.add_row(f"{step:.3g} s{' *' if step == found.default_step else ''}", *cells)
+    print_table(console, table)
+    usual = "* the step that simulate takes"
+    print_line(
+        console, usual if found.elastic else f"{usual}, and twice it: half as much time on top"
+    )
+
+
+def _print_models(console: Console, found: WorkPrecision) -> None:
+    """Print the errors of models, which more time does not make smaller."""
+    if not found.models:
+        return
+    methods = list(dict.fromkeys(row.method for row in found.models))
+    short = {"fokker-planck": "Fokker-P.", "average:finite jumps": "average"}
+    names = [short.get(method, method.removeprefix("linearise:")) for method in methods]
+    title = "error of methods without random numbers (%) [bound that the method states]"
+    table = new_table(title, ["quantity", *names])
+    for key in dict.fromkeys((row.of, row.quantity) for row in found.models):
+        errors = {row.method: row for row in found.models if (row.of, row.quantity) == key}
+        cells = [_model_error(errors[m]) if m in errors else NO_VALUE for m in methods]
+        table.add_row(_whose(found, *key), *cells)
+    print_table(console, table)
+    print_line(console, f"{NO_VALUE}: not known, or of impacts above another speed than simulated")
+
+
+def _model_error(row: ModelError) -> str:
+    bound = f" [{100.0 * row.stated_bias:.2g}]" if row.stated_bias else ""
+    if abs(row.model_error) < DETERMINISTIC_ERROR:
+        return f"0{bound}"
+    if row.model_error_error == 0.0:
+        return f"{100.0 * row.model_error:.3g}{bound}"
+    return f"{format_with_error(100.0 * row.model_error, 100.0 * row.model_error_error)}{bound}"
+
+
+# ------------------------------------------------------------------------------
+# Table and picture of the law of a stop that a test shows.
+# ------------------------------------------------------------------------------
+
+
+PLACES = {
+    "restitution": ("speed of approach", SPEED),
+    "force": ("deflection", LENGTH),
+    "acceleration": ("time", MILLISECONDS),
+}
+"""The abscissa by what was observed."""
+
+STYLES = ("-", "--", "-.", ":")
+"""Styles of the lines of laws, in their order."""
+
+MOST_LINES = 4
+"""Largest number of laws that a picture shows: those of the smallest criteria."""
+
+
+def print_identification(console: Console, found: Identification) -> None:
+    """Print the law to take, the line to copy, and all laws that were fitted."""
+    console.print(found.summary(), style="bold", highlight=False)
+    console.print(found.line, highlight=False, markup=False)
+    print_frame(
+        console, laws_table(found),
+        "laws; rejected below 0.05: the probability of so bad a fit if the law were true",
+    )  # fmt: skip
+    for name, each in found.of_test.items():
+        quantity = shown_as(found.test.start[name][1])
+        console.print(f"{name}: {value_with_error(quantity(each))} {quantity}", highlight=False)
+    for assumption in found.assumptions:
+        console.print(f"assumed: {assumption}", highlight=False)
+    for warning in found.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def laws_table(found: Identification) -> pd.DataFrame:
+    """One row per law, with its numbers as text."""
+    import pandas as pd
+
+    rows = [
+        {
+            "law": name,
+            "numbers": ", ".join(
+                f"{key} {value_with_error(each)} {fit.units[key]}".rstrip()
+                for key, each in fit.numbers.items()
+            ),
+            "residual": fit.residual,
+            "AICc": fit.criterion,
+            "rejected": None if fit.rejected is None else f"{fit.rejected:.2g}",
+        }
+        for name, fit in found.fits.items()
+    ]
+    return pd.DataFrame(rows).fillna("-")
+
+
+def plot_identification(found: Identification, ax: Axes | None = None) -> Axes:
+    """What was observed with the laws that fit best, and below it the residuals of the law to take.
+
+    The record of a drop also has its force over the deflection. Given axes get the first panel."""
+    if ax is not None:
+        return _draw_laws(found, ax)
+    import matplotlib.pyplot as plt
+
+    columns = 1 if found.loop is None else 2
+    figure, axes = plt.subplots(
+        2, columns, figsize=(5.6 * columns, 4.8), layout="constrained", squeeze=False,
+    )  # fmt: skip
+    _draw_laws(found, axes[0, 0])
+    _draw_residuals(found, axes[1, 0])
+    if found.loop is not None:
+        for each in axes[:, 1]:
+            each.remove()
+        _draw_loop(found, figure.add_subplot(axes[0, 1].get_gridspec()[:, 1]))
+    return axes[0, 0]  # type: ignore[no-any-return]
+
+
+def _draw_laws(found: Identification, ax: Axes) -> Axes:
+    (words_of_place, place), quantity = PLACES[found.test.word], shown_as(found.test.unit)
+    table = found.curve.sort_values("place")
+    ax.plot(place(table["place"]), quantity(table["observed"]), "o", markersize=3,
+            color=COLOURS["exact"], label="measured")  # fmt: skip
+    names = sorted(found.fits, key=lambda name: found.fits[name].criterion)[:MOST_LINES]
+    if found.chosen not in names:
+        names[-1] = found.chosen
+    for name, colour, style in zip(names, OWNERS, STYLES, strict=False):
+        words = f"{name} (to take)" if name == found.chosen else name
+        ax.plot(place(table["place"]), quantity(table[name]), style, color=colour, label=words)
+    ax.set_ylabel(quantity.heading(found.test.word))
+    ax.set_xlabel(place.heading(words_of_place))
+    if found.test.word == "restitution":
+        ax.set_xscale("log")
+    ax.legend(fontsize="small")
+    add_grid(ax)
+    return ax
+
+
+def _draw_residuals(found: Identification, ax: Axes) -> None:
+    words, place = PLACES[found.test.word]
+    table = found.curve
+    left = shown_as(found.test.unit)(table["observed"] - table[found.chosen])
+    ax.plot(place(table["place"]), left, "o", markersize=3, color=COLOURS["simulate"])
+    ax.axhline(0.0, color="black", linewidth=0.8)
+    ax.set_ylabel("measured - law")
+    ax.set_xlabel(place.heading(words))
+    if found.test.word == "restitution":
+        ax.set_xscale("log")
+    add_grid(ax)
+
+
+def _draw_loop(found: Identification, ax: Axes) -> None:
+    loop = found.loop
+    assert loop is not None
+    ax.plot(LENGTH(loop["deflection"]), FORCE(loop["force"]), "o", markersize=3,
+            color=COLOURS["exact"], label="record, integrated")  # fmt: skip
+    ax.plot(LENGTH(loop["deflection"]), FORCE(loop["law"]), color=COLOURS["simulate"],
+            label="law on that motion")  # fmt: skip
+    ax.set_xlabel(f"deflection ({LENGTH})")
+    ax.set_ylabel(f"force ({FORCE})")
+    ax.legend(fontsize="small")
+    add_grid(ax)
+
+
+# ------------------------------------------------------------------------------
+# Replays on a terminal and as pictures: x(t) with stops and impacts, impacts against clearance.
+# ------------------------------------------------------------------------------
+
+
+MOST_ON_LINEAR_AXIS = 50
+"""Number of impacts up to which single ones can be read off a linear axis."""
+
+HEADROOM = 1.15
+"""Top of an axis over its largest value, so that no marker or number is cut."""
+
+MOST_SPEEDS, MOST_MOTIONS = 6, 3
+"""Largest number of impact speeds in a picture, and of clearances whose x(t) is drawn."""
+
+DECADES = 1e6
+"""Largest over smallest density that a waterfall tells apart."""
+
+ROWS = {
+    "displacement_max": ("largest displacement", LENGTH),
+    "displacement_min": ("smallest displacement", LENGTH),
+    "displacement_std": ("standard deviation of displacement", LENGTH),
+    "displacement_kurtosis": ("kurtosis of the displacement", NUMBER),
+    "acceleration_max": ("largest absolute acceleration", ACCELERATION),
+    "hits": ("impacts", NUMBER),
+    "impact_speed_max": ("largest impact speed", SPEED),
+    "peak_force": ("largest force of a stop", FORCE),
+    "contact_time": ("time in contact", TIME),
+    "rests": ("times at rest on a stop", NUMBER),
+}
+"""Quantities that a terminal shows, in words."""
+
+
+def headline(found: Replay, record: RecordVerdict | None) -> str:
+    """The clearance that the record itself needs, where it is known, and the summary of the
+    replay."""
+    return "; ".join([*([] if record is None else [record.needs()]), found.summary()])
+
+
+def print_replay(console: Console, found: Replay, record: RecordVerdict | None) -> None:
+    """Print the clearance that the record needs, then its effect at one clearance, or a row per
+    clearance."""
+    console.print(headline(found, record), style="bold", highlight=False)
+    if found.only is not None:
+        _print_one(console, found.only)
+    else:
+        _print_many(console, found)
+    for line in found.assumptions:
+        print_line(console, line)
+    print_line(console, f"cost: {found.cost.wall_time:.3g} s")
+    for warning in found.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def _print_one(console: Console, each: ReplayAt) -> None:
+    biased = any(own.bias for *_, own in each.estimates())
+    columns = ["of", "quantity", "value", *(["bias"] if biased else [])]
+    table = new_table("the record itself", columns, ["of", "quantity"])
+    for group in (each.coordinates, each.impact_pairs):
+        for owner, quantities in group.items():
+            for name, value in quantities.items():
+                if name in ROWS and value is not None:
+                    words, quantity = ROWS[name][0], of_angle(owner, ROWS[name][1])
+                    own = [owner, quantity.heading(words), f"{quantity(float(value)):.5g}"]
+                    if biased:
+                        own.append(UNKNOWN if value.bias is None else f"{quantity(value.bias):.2g}")
+                    table.add_row(*own)
+    print_table(console, table)
+
+
+def _print_many(console: Console, found: Replay) -> None:
+    import pandas as pd
+
+    rows = []
+    pairs = [next(iter(each.impact_pairs.values())) for each in found.clearances]
+    # rigid stops give no acceleration at an impact
+    where = "" if any(pair.peak_force is not None for pair in pairs) else " between impacts"
+    for each in found.clearances:
+        assert each.clearance is not None
+        (pair,) = each.impact_pairs.values()
+        motion = next(iter(each.coordinates.values()))
+        speed, force = pair.impact_speed_max, pair.peak_force
+        peak = float(motion.acceleration_max)
+        rows.append(
+            {
+                f"clearance ({LENGTH})": four_digits(LENGTH(each.clearance)),
+                "impacts": f"{float(pair.hits):.0f}",
+                f"max speed ({SPEED})": UNKNOWN if speed is None else f"{SPEED(float(speed)):.4g}",
+                f"max force ({FORCE})": UNKNOWN if force is None else f"{FORCE(float(force)):.4g}",
+                f"peak acc.{where} ({ACCELERATION})": f"{ACCELERATION(peak):.4g}",
+                f"from ({LENGTH})": four_digits(LENGTH(float(motion.displacement_min))),
+                f"to ({LENGTH})": four_digits(LENGTH(float(motion.displacement_max))),
+            }
+        )
+    frame = pd.DataFrame(rows).replace(UNKNOWN, "-")
+    print_frame(console, frame, f"the record itself, {found.duration:.4g} s, at each clearance")
+
+
+def plot_history(each: ReplayAt, ax: Axes | None = None) -> Axes:
+    """x(t) around the shock between its stops, with the impacts; all coordinates where there are
+    several."""
+    return _plot_shock(each, axes_or_new(ax, (9.6, 4.2)))
+
+
+def _plot_shock(each: ReplayAt, ax: Axes, *, whole: bool = False, legend: bool = True) -> Axes:
+    """x(t) with stops and impacts: around the shock, that is the fastest impact, or `whole`."""
+    kept = each.histories
+    assert kept is not None
+    first = next(iter(kept.displacement.values()))
+    part = slice(0, len(first)) if whole else around_shock(kept.time, first, _shock(each))
+    moving = [x for owner, x in kept.displacement.items() if owner not in ROTATIONS]
+    size = max((float(np.max(np.abs(x[part]))) for x in moving), default=0.0)
+    unit, name = length_unit(size)
+    width, angles = 0.5 if whole else 1.1, None
+    colours = owner_colours(len(kept.displacement))
+    for colour, (owner, x) in zip(colours, kept.displacement.items(), strict=True):
+        t, y = thinned(TIME(kept.time[part]), x[part])
+        if owner not in ROTATIONS:
+            ax.plot(t, y / unit, color=colour, linewidth=width, label=owner)
+            continue
+        if angles is None:
+            angles = ax.twinx()
+            angles.set_ylabel(f"rotation ({MILLIRADIANS}), dashed")
+        angles.plot(t, MILLIRADIANS(y), "--", color=colour, linewidth=width)
+        ax.plot([], [], "--", color=colour, label=owner)
+    if len(kept.displacement) == 1:
+        begin, end = kept.time[part][0], kept.time[part][-1]
+        for number, (stop, place) in enumerate(each.stops.items()):
+            label = f"{stop.rpartition(' ')[0]}" if number == 0 else None
+            ax.axhline(place / unit, color=COLOURS["stop"], linewidth=2.0, label=label)
+            hit = each.impacts[
+                (each.impacts["side"] == stop.rpartition(" ")[2])
+                & each.impacts["time"].between(begin, end)
+            ]
+            if not len(hit):
+                continue  # markers that are not clipped take the whole figure where there are none
+            named = "impacts" in ax.get_legend_handles_labels()[1]
+            ax.plot(TIME(hit["time"]), np.full(len(hit), place / unit), "v", markersize=4.5,
+                    color=COLOURS["linearise:closure"], clip_on=False, zorder=3,
+                    label=None if named else "impacts")  # fmt: skip
+    ax.margins(x=0.0)
+    ax.set_xlabel(seconds_of(part, kept.time))
+    ax.set_ylabel(f"displacement ({name})")
+    add_grid(ax)
+    if legend:
+        ax.legend(frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0),
+                  ncols=4)  # fmt: skip
+    return ax
+
+
+def plot_waterfall(each: ReplayAt, ax: Axes | None = None) -> Axes:
+    """Short-time spectra of the absolute acceleration of the first coordinate, over the whole
+    record, with the impacts as marks above them."""
+    from matplotlib.colors import LogNorm
+
+    kept = each.histories
+    assert kept is not None
+    ax = axes_or_new(ax, (9.6, 4.2))
+    spectra = kept.short_time_spectra()
+    owner = next(iter(kept.acceleration))
+    unit = shown_as("(rad/s^2)^2/Hz") if owner in ROTATIONS else DENSITY
+    density = unit(np.maximum(spectra.density, np.finfo(float).tiny))
+    norm = LogNorm(density.max() / DECADES, density.max(), clip=True)
+    mesh = ax.pcolormesh(
+        TIME(spectra.time), spectra.frequency_hz, density, norm=norm, cmap="viridis",
+        shading="nearest", rasterized=True,
+    )  # fmt: skip
+    ax.figure.colorbar(mesh, ax=ax, label=f"acceleration of {owner} ({unit})")
+    if len(each.impacts):
+        times = TIME(np.asarray(each.impacts["time"]))
+        ax.plot(times, np.full(len(times), 1.02), "v", markersize=4.5, clip_on=False,
+                color=COLOURS["linearise:closure"], transform=ax.get_xaxis_transform(),
+                label="impacts")  # fmt: skip
+        ax.legend(frameon=False, fontsize="small", loc="lower right", bbox_to_anchor=(1.0, 1.03))
+    ax.set(yscale="log", ylim=spectra.frequency_hz[[0, -1]], xlabel=f"time ({TIME})",
+           ylabel="frequency (Hz)")  # fmt: skip
+    return ax
+
+
+def _shock(each: ReplayAt) -> float | None:
+    """Time of the fastest impact, s; None without impacts."""
+    if not len(each.impacts):
+        return None
+    return float(each.impacts["time"].iloc[int(each.impacts["speed"].to_numpy().argmax())])
+
+
+def plot_clearances(found: Replay, ax: Axes | None = None) -> Axes:
+    """Impacts against clearance; the largest impact speed stands at each point."""
+    ax = axes_or_new(ax)
+    places = np.array([each.clearance for each in found.clearances], dtype=float)
+    order = np.argsort(places)
+    unit, name = length_unit(float(places.max()))
+    pairs = [next(iter(each.impact_pairs.values())) for each in found.clearances]
+    hits = np.array([float(pair.hits) for pair in pairs])
+    ax.plot(places[order] / unit, hits[order], "o-", color=OWNERS[0])
+    if hits.max() > MOST_ON_LINEAR_AXIS:
+        ax.set_yscale("symlog", linthresh=1.0)
+        ax.set_ylim(0.0, 4.0 * hits.max())
+    else:
+        from matplotlib.ticker import MaxNLocator
+
+        ax.yaxis.set_major_locator(MaxNLocator(integer=True))
+        ax.set_ylim(0.0, HEADROOM * max(hits.max(), 1.0))
+    for number in order[:: -(-len(order) // MOST_SPEEDS)]:
+        if (speed := pairs[number].impact_speed_max) is not None:
+            ax.annotate(
+                SPEED.text(float(speed), ".2g"), (places[number] / unit, hits[number]),
+                xytext=(5, 5), textcoords="offset points", fontsize="small",
+            )  # fmt: skip
+    ax.margins(x=0.12)
+    ax.set_xlabel(f"clearance ({name})")
+    ax.set_ylabel("impacts in the record")
+    add_grid(ax)
+    return ax
+
+
+def draw_replay(found: Replay, title: str = "") -> Axes:
+    """x(t) around the shock with the stops, above the whole record; over several clearances x(t)
+    around the shock at some of them, then impacts over clearances."""
+    import matplotlib.pyplot as plt
+
+    single = found.only
+    if single is not None:
+        if single.histories is None:
+            raise ValueError("there is no picture of x(t): its samples were not kept")
+        above, below = plt.subplots(
+            2, 1, figsize=(9.6, 6.4), height_ratios=[2, 1], layout="constrained"
+        )[1]
+        _plot_shock(single, above)
+        _plot_shock(single, below, whole=True, legend=False)
+        return _titled(above, title)
+    shown = [each for each in found.clearances if each.histories is not None]
+    shown = sorted(shown, key=lambda each: each.clearance or 0.0)[:MOST_MOTIONS]
+    axes = plt.subplots(
+        len(shown) + 1, 1, figsize=(9.6, 2.2 * len(shown) + 3.2), squeeze=False,
+        layout="constrained",
+    )[1][:, 0]  # fmt: skip
+    for each, ax in zip(shown, axes, strict=False):
+        _plot_shock(each, ax, legend=False)
+        ax.set_title(f"stops {spoken_length(each.clearance or 0.0)} away", fontsize="small")
+    plot_clearances(found, axes[-1])
+    return _titled(axes[0], title)
+
+
+def _titled(ax: Axes, title: str) -> Axes:
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    figure.suptitle(title or "replay of the record", fontsize="medium")
     return ax

@@ -9,9 +9,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 import stochvi
-from stochvi.isolators.clearance import predicted_rates
-from stochvi.views.clearance import plot_clearance_curve
+from stochvi.isolators.screening import predicted_rates
 from stochvi.views.files import write_picture
+from stochvi.views.sizing import plot_clearance_curve
 
 TRUCK, SCREEN = "mil-std-810h-truck-vertical-5hz", "navmat-p-9492"
 CASES = [  # profile, natural frequency (Hz), restitution, clearances in sigma

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 import stochvi as sv
 from stochvi.mathematics.impact_rates import corner_exponent
-from stochvi.views.colours import COLOURS, OWNERS
+from stochvi.views.axes import COLOURS, OWNERS
 from stochvi.views.density import plot_impact_speeds, plot_plane
 
 STYLES = {"finite jumps": "o-", "continuous": "s--", "unfolded": "^:"}

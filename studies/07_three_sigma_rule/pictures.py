@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import pandas as pd
 from matplotlib.figure import Figure
 
-from stochvi.views.colours import BAND_ALPHA, COLOURS, GRID_COLOUR, OWNERS
+from stochvi.views.axes import BAND_ALPHA, COLOURS, GRID_COLOUR, OWNERS
 
 TRUCK = {
     "mil-std-810h-truck-vertical-5hz": ("o-", "810H truck, vertical"),

@@ -9,10 +9,9 @@ import pandas as pd
 from cases import linear, linearised, oscillator
 
 import stochvi
-from stochvi.mathematics.shown_units import SPEED, TIME
+from stochvi.mathematics.units import SPEED, TIME
 from stochvi.views.files import write_picture
-from stochvi.views.impacts import plot_histogram
-from stochvi.views.spectra import plot_curve
+from stochvi.views.statistics import plot_curve, plot_histogram
 
 COLOURS = {None: "#009e73", 1.0: "#0072b2", 0.8: "#d55e00"}
 parser = argparse.ArgumentParser(description=__doc__)

@@ -14,8 +14,7 @@ import pandas as pd
 
 import stochvi
 from stochvi.testing import as_response, problem_of
-from stochvi.verification.check import MethodResponses
-from stochvi.verification.check_of_many import compare_many, seeds_of
+from stochvi.verification.check import MethodResponses, compare_many, seeds_of
 
 integrators = import_module("studies.10_judging_integrators.integrators")
 

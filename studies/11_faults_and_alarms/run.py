@@ -10,9 +10,8 @@ from pictures import draw
 from statsmodels.stats.proportion import proportion_confint
 
 import stochvi
-from stochvi.results.intervals import normal_quantile
-from stochvi.verification.check import MethodResponses, single_alarm_rate
-from stochvi.verification.check_of_many import compare_many, seeds_of
+from stochvi.results.estimates import normal_quantile
+from stochvi.verification.check import MethodResponses, compare_many, seeds_of, single_alarm_rate
 
 SHORT = ("linear", "elastic-unequal-gaps", "lossy-unequal-gaps", "spring-stops", "psd-truck-linear")
 PATHS = 64

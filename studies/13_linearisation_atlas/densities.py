@@ -11,7 +11,7 @@ from truth import RTOL, Place, scene_of, symmetric_or_single
 
 from stochvi.methods.averaging import average_density
 from stochvi.methods.fokker_planck import fokker_planck_density
-from stochvi.model.error_atlas import DENSITY_LEVELS
+from stochvi.model.build_response import DENSITY_LEVELS
 from stochvi.scenes.datasets import data_folder
 
 GAPS = {

@@ -15,8 +15,7 @@ from statsmodels.stats.rates import confint_poisson
 
 import stochvi
 from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.missions import passage_plan
-from stochvi.methods.monte_carlo.splitting import pilot_levels, repetition
+from stochvi.methods.monte_carlo.missions import passage_plan, pilot_levels, repetition
 from stochvi.model.model import model_of
 
 Vector = NDArray[np.float64]

@@ -8,8 +8,7 @@ import numpy as np
 import pandas as pd
 
 from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.path_statistics import PathStatistics
-from stochvi.methods.monte_carlo.quantities import governed
+from stochvi.methods.monte_carlo.plan import PathStatistics, governed
 from stochvi.model.model import model_of
 from stochvi.scenes.scene import load_scene
 

@@ -13,7 +13,7 @@ import pandas as pd  # noqa: E402
 from cases import scenes  # noqa: E402
 
 from stochvi import impacts, load_scene, reliability, simulate, spectrum  # noqa: E402
-from stochvi.results.progress import Pace  # noqa: E402
+from stochvi.results.deadline import Pace  # noqa: E402
 
 Solve = Callable[..., Any]
 """A function that takes `rel_error`, `budget` and `progress`."""

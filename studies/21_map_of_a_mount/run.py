@@ -14,8 +14,8 @@ from stochvi.methods.periodic import basins, bifurcation
 from stochvi.results import NotConverged
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.statistics import lifetimes
-from stochvi.views.basins import plot_basins
 from stochvi.views.files import write_picture
+from stochvi.views.sine import plot_basins
 
 MOUNT = stochvi.load_scene(shipped_scene("isolator-sine"))
 """A 10 Hz isolator, zeta 0.1, whose base moves by 0.1 mm at 100 Hz; stops of restitution 0.5."""

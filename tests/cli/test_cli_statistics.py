@@ -1,8 +1,11 @@
 """`stochvi spectrum`, `impacts` and `history`: exit codes, the JSON document, the files."""
 
+from __future__ import annotations
+
 import importlib.util
 from pathlib import Path
 
+import jsonschema
 import pandas as pd
 import pytest
 from PIL import Image
@@ -157,7 +160,7 @@ def test_impacts_of_a_mission_are_the_rate_times_its_time(stochvi: Run, tmp_path
 def test_a_history_is_a_document_tables_a_picture_and_an_animation(
     stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("stochvi.views.history.FRAMES", 20)
+    monkeypatch.setattr("stochvi.views.density.FRAMES", 20)
     asked = ("history", ELASTIC, "--duration", "0.2min", "--path", "2", "--json", "-")
     code, out, err = stochvi(*asked, "--out", tmp_path, "--animate")
     assert code == 0 and "path 2 of seed 0" in err
@@ -277,3 +280,69 @@ def test_the_growth_of_a_modulated_motion_needs_no_option(stochvi: Run, tmp_path
     assert code == 0 and exponent["value"] < 0.0
     assert exponent["standard_error"] <= 0.02 * abs(exponent["value"])
     assert (tmp_path / "stability.png").stat().st_size > 10_000
+
+
+# ------------------------------------------------------------------------------
+# `stochvi identify`: documents, files, and what it refuses.
+# ------------------------------------------------------------------------------
+
+
+SPEEDS = "approach (m/s),rebound (m/s)\n0.5,0.36\n1.0,0.69\n1.5,1.06\n2.0,1.39\n"
+
+
+def test_a_table_of_speeds_has_a_document_and_files(stochvi: Run, tmp_path: Path) -> None:
+    file = tmp_path / "speeds.csv"
+    file.write_text(SPEEDS)
+    out = tmp_path / "out"
+    done = stochvi("identify", str(file), "--test", "speeds", "--out", str(out), "--json", "-")
+    assert done.code == 0, done.err
+    document = one_document(done.out)
+    assert document["method"] == "identify" and document["chosen"] == "constant"
+    assert document["line"] == 'law = { kind = "restitution", coefficient = 0.703 }'
+    assert document["fits"]["constant"]["rejected"] is None
+    assert {each.name for each in out.iterdir()} == {"identify.csv", "curve.csv", "identify.png"}
+    told = stochvi("identify", str(file), "--test", "speeds")
+    assert "law = { kind" in told.out and "yielding body" in told.out
+
+
+def test_what_is_no_test_is_refused(stochvi: Run, tmp_path: Path) -> None:
+    file = tmp_path / "speeds.csv"
+    file.write_text("0.5,0.36\n1.0,0.69\n")
+    assert "must be 'm/s,m/s', got none" in refused(
+        stochvi("identify", str(file), "--test", "speeds")
+    )
+    assert "mass must be given" in refused(stochvi("identify", str(file), "--test", "drop"))
+    missing = stochvi("identify", str(tmp_path / "none.csv"), "--test", "force")
+    assert "cannot be read" in refused(missing)
+
+
+# ------------------------------------------------------------------------------
+# The documents that commands write are what `stochvi schema answer` says.
+# ------------------------------------------------------------------------------
+
+
+COMMANDS_OF_SCHEMA = [
+    ("exact", ELASTIC),
+    ("fokker-planck", ELASTIC),
+    ("first-passage", ELASTIC, "--times", "5,10"),
+    ("linearise", ISOLATOR),
+    ("average", ELASTIC),
+    ("explain", ISOLATOR),
+    ("screen", ISOLATOR),
+    ("history", ELASTIC, "--duration", "2"),
+    ("simulate", ELASTIC, "--paths", "16", "--duration", "10", "--seed", "1"),
+]
+
+
+def test_documents_of_commands_follow_the_schema(stochvi: Run) -> None:
+    done = stochvi("schema", "answer")
+    valid = jsonschema.Draft202012Validator(one_document(done.out))
+    jsonschema.Draft202012Validator.check_schema(valid.schema)
+    for command in COMMANDS_OF_SCHEMA:
+        document = one_document(stochvi(*command, "--quiet", "--json", "-").out)
+        assert [each.message for each in valid.iter_errors(document)] == [], command
+        assert not valid.is_valid(document | {"no_such_key": 1})
+
+
+def test_the_schema_of_scenes_is_printed_where_nothing_else_is_asked_for(stochvi: Run) -> None:
+    assert "structure" in one_document(stochvi("schema").out)["properties"]

@@ -16,7 +16,7 @@ import pytest
 
 import stochvi as package
 from stochvi.cli import main
-from stochvi.mathematics.shown_units import CHOICES, units_of
+from stochvi.mathematics.units import CHOICES, units_of
 from stochvi.scenes.datasets import shipped_scene
 from support.commands import ELASTIC, ISOLATOR, Run, one_document, refused
 

@@ -26,30 +26,34 @@ from stochvi import (
     screen,
     size,
 )
-from stochvi.isolators.moved_stops import at_clearances
-from stochvi.isolators.sizing import hits_at_place, shared_risk
+from stochvi.isolators.screening import at_clearances
+from stochvi.isolators.sizing import pairs, search
 from stochvi.isolators.sizing import sensitivity as sensitivity_module
 from stochvi.isolators.sizing.answer import Sizing
-from stochvi.isolators.sizing.changes import Change, Tolerances, changed_stops
-from stochvi.isolators.sizing.sensitivity import sensitivity, variations
-from stochvi.isolators.sizing.tolerance_region import tolerance_table
-from stochvi.isolators.sizing.worst_case import REL_ERROR, _largest, worst_case
+from stochvi.isolators.sizing.sensitivity import (
+    REL_ERROR,
+    _largest,
+    sensitivity,
+    variations,
+    worst_case,
+)
+from stochvi.isolators.tolerances import Change, Tolerances, changed_stops, tolerance_table
+from stochvi.model.coverage import natural_modes
 from stochvi.model.model import model_of
-from stochvi.model.natural_modes import natural_modes
 from stochvi.results.deadline import partial_result
 from stochvi.results.estimates import Estimate
-from stochvi.results.origin import origin_of
+from stochvi.results.files import origin_of
 from stochvi.sampling.run import Run as SampledRun
-from stochvi.scenes.changed_mounts import changed_mount
 from stochvi.scenes.datasets import shipped_scene
+from stochvi.scenes.phases import changed_mount
 from stochvi.scenes.scene import ImpactPair, scene_from
-from stochvi.statistics.bursts import bursts
-from stochvi.statistics.first_crossings import first_crossings
-from stochvi.statistics.structure_hits import Limit, exceedance
-from stochvi.sweeps.ranges import summary_of_sizing
+from stochvi.statistics.clusters import bursts
+from stochvi.statistics.crossings import first_crossings
+from stochvi.statistics.rare_hits import Limit, exceedance
+from stochvi.sweeps import summary_of_sizing
 from stochvi.testing import assert_agrees
-from stochvi.views.pairs import pairs_in_words, plot_pairs_risk
-from stochvi.views.report.environment import excitations_section
+from stochvi.views.isolator_tables import pairs_in_words, plot_pairs_risk
+from stochvi.views.report.pages import excitations_section
 from stochvi.views.report.sizing import sizing_page
 from support.commands import Run, one_document
 from support.pairs import LAW, pair, uncoupled
@@ -69,10 +73,10 @@ QUICK = {"probability": TARGET, "mission": MISSION, "rel_error": 0.1, "seed": 1}
 def sized(scene: Scene, *, whole: bool = False, **changed: object) -> Sizing:
     """An answer; without the impacts at its clearances and without tolerances, which are most of
     its time, unless it is asked for as a whole."""
-    hits = hits_at_place.count_impacts if whole else no_hits
-    table = shared_risk.tolerance_table if whole else no_tolerances
-    with mock.patch.object(hits_at_place, "count_impacts", hits), mock.patch.object(
-        shared_risk, "tolerance_table", table
+    hits = search.count_impacts if whole else no_hits
+    table = pairs.tolerance_table if whole else no_tolerances
+    with mock.patch.object(search, "count_impacts", hits), mock.patch.object(
+        pairs, "tolerance_table", table
     ):  # fmt: skip
         found = size(scene, **(QUICK | changed))  # type: ignore[arg-type]
     assert isinstance(found, Sizing)
@@ -534,10 +538,10 @@ def test_a_chance_next_to_one_has_an_interval(hazard: float) -> None:
     """Of 1000 paths: next to 1 the relative error of a hazard grows like 1 / (1 - P), beyond what a
     double holds."""
     hazards = hazard * np.array([0.5, 1.0, 2.0])
-    values = np.minimum(-np.expm1(-hazards), shared_risk.KNOWN)
+    values = np.minimum(-np.expm1(-hazards), pairs.KNOWN)
     errors = np.sqrt(values * (1.0 - values) / 1000.0) + 1e-4
     estimates = [Estimate(value=v, standard_error=e) for v, e in zip(values, errors, strict=True)]
-    total = shared_risk.TotalRisk.of(np.array([0.1, 0.2, 0.4]), estimates)
+    total = pairs.TotalRisk.of(np.array([0.1, 0.2, 0.4]), estimates)
     found = total.at(0.2)
     assert found.value == pytest.approx(values[1], rel=1e-6)
     assert 0.0 <= found.lower < found.value <= found.upper <= 1.0
@@ -556,7 +560,7 @@ def test_looks_are_never_rougher_than_a_simulation_allows(monkeypatch: pytest.Mo
         asked.append(run.accuracy)
         raise NotApplicable("hits", ["enough was seen"])
 
-    monkeypatch.setattr(hits_at_place, "count_impacts", counted)
+    monkeypatch.setattr(search, "count_impacts", counted)
     with pytest.raises(NotApplicable, match="enough was seen"):
         size(uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0)), rate=0.2, rel_error=0.6)
     assert asked and max(asked) < 1.0
@@ -574,7 +578,7 @@ def test_hits_that_the_budget_left_unknown_end_with_code_one(
         def none(*_: object, **__: object) -> None:
             raise reason
 
-        monkeypatch.setattr(hits_at_place, "count_impacts", none)
+        monkeypatch.setattr(search, "count_impacts", none)
         done = stochvi("size", scene, *options)
         assert "not known" in " ".join(done.err.split())
         return done.code, one_document(done.out)["fell_short"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from io import StringIO
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -15,32 +16,35 @@ from scipy.stats import norm, qmc, t
 
 from stochvi import (
     ConstantLoad,
+    Elastic,
     ImpactPair,
     Isolator,
     Matrices,
     NotApplicable,
+    Oscillator,
     Restitution,
     Scene,
     TabulatedNoise,
+    Viscoelastic,
     WhiteNoise,
+    exact,
     load_scene,
+    mean_over_units,
 )
-from stochvi.cli.tolerances import tolerances_of
-from stochvi.isolators import Spread, production, size
-from stochvi.isolators.production_risk import method
-from stochvi.isolators.production_risk.start import Start
-from stochvi.isolators.production_risk.units import Units
-from stochvi.isolators.sizing import hits_at_place
+from stochvi.cli.options import tolerances_of
+from stochvi.isolators import Spread, production, production_risk, size
+from stochvi.isolators.production_risk import Start, Units
+from stochvi.isolators.sizing import search
 from stochvi.isolators.sizing.answer import spoken_percent
-from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.risk_curve import chance_of_stops
-from stochvi.isolators.sizing.tolerance_region import Region
+from stochvi.isolators.tolerances import Region, Tolerances
 from stochvi.model.model import model_of
 from stochvi.results.deadline import NEVER
 from stochvi.scenes.datasets import shipped_scene
-from stochvi.statistics.pair_crossings import own_distances
-from stochvi.views.production import print_production
-from stochvi.views.report.changes import production_section
+from stochvi.statistics.crossings import own_distances
+from stochvi.sweeps import sweep
+from stochvi.views.isolator_tables import print_production
+from stochvi.views.report.pages import production_section
 from support import judges
 from support.accuracies import quick_cases
 from support.runs import run_of
@@ -153,7 +157,9 @@ def test_shares_of_variance_and_units_above_the_target_are_closed() -> None:
     shares = alone.units["share_of_units"].to_numpy()
     # a unit with the quantile of e has its own need at the stated place less e
     needs = clearance.value - cost - std * norm.ppf(1.0 - shares)
-    quantile = np.sqrt(shares * (1.0 - shares) / (2 * method.SEQUENCES * method.POINTS))
+    quantile = np.sqrt(
+        shares * (1.0 - shares) / (2 * production_risk.SEQUENCES * production_risk.POINTS)
+    )
     error = 4.5 * std * quantile / norm.pdf(norm.ppf(shares)) + known
     assert np.all(np.abs(alone.units["clearance"].to_numpy() - needs) < error)
     assert np.median(error) < 0.2 * std
@@ -224,7 +230,7 @@ def test_the_mean_over_units_is_that_of_each_unit_calculated(
     quick = request.node.get_closest_marker("verify") is None
     each = 4 if quick else 32
     if quick:
-        monkeypatch.setattr(method, "SIMULATED", 4)
+        monkeypatch.setattr(production_risk, "SIMULATED", 4)
     found = production(
         scene, spreads, probability=0.02, mission=600.0, rel_error=0.1, seed=3, threads=1
     )
@@ -329,7 +335,7 @@ def test_pairs_with_one_clearance_in_common_keep_the_target(
     def not_counted(*_: object) -> None:
         raise NotApplicable("impacts", ["impacts are not counted in this test"])
 
-    monkeypatch.setattr(hits_at_place, "count_impacts", not_counted)
+    monkeypatch.setattr(search, "count_impacts", not_counted)
     scene, asked = two_masses(), {"probability": 0.05, "mission": 60.0, "threads": 1}
     each = size(scene, rel_error=0.2, **asked)
     both = size(scene, rel_error=0.2, common=["one", "two"], **asked)
@@ -395,10 +401,10 @@ def test_rare_means_are_those_of_all_units(
         stated = sigma * math.sqrt(2.0 * math.log(-10.0 * MISSION / math.log1p(-target)))
         stops = np.array([[math.inf], [stated]])
         own = own_place(spreads, target)
-        for carried in (method.CARRIED, 0.0):  # the control draws even units alone
-            monkeypatch.setattr(method, "CARRIED", carried)
+        for carried in (production_risk.CARRIED, 0.0):  # the control draws even units alone
+            monkeypatch.setattr(production_risk, "CARRIED", carried)
             with run_of(0.1, seed=1) as run:
-                job = method._Job(
+                job = production_risk._Job(
                     start=Start(
                         scene=ONE_STOP, mission=MISSION, stops=stops, chance=target, target=target,
                         sized=(0,),
@@ -440,3 +446,157 @@ def test_each_unit_has_the_correction_of_its_own_motion() -> None:
         # the control: the factor of the units that carry the mean
         light = float(found.simulated["probability"].sum() / found.simulated["linear"].sum())
         assert 0.5 < light < 1.1
+
+
+# ------------------------------------------------------------------------------
+# Means over units of any method's answer: against integrals, and brute force over many units.
+# ------------------------------------------------------------------------------
+
+
+RATE = "stops.collision_rate"
+
+
+def between_of_unit_means(law: Any, lower: float | None = -1.0, upper: float | None = 1.0) -> Scene:
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        impact_pairs=[ImpactPair(lower=lower, upper=upper, law=law)],
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+
+
+def of(table: Any, quantity: str = RATE) -> dict[str, float]:
+    found: dict[str, float] = table.set_index("quantity").loc[quantity].to_dict()
+    return found
+
+
+def test_the_mean_over_gaussian_clearances_is_an_integral() -> None:
+    scene, std = between_of_unit_means(Restitution(coefficient=1.0), lower=None), 0.2
+
+    def rate(off: float) -> float:
+        pair = scene.impact_pairs[0].model_copy(update={"upper": 1.0 + off})
+        response = exact(scene.model_copy(update={"impact_pairs": (pair,)}))
+        found: float = response.impact_pairs["stops"].collision_rate.value  # type: ignore[union-attr]
+        return found
+
+    moments = [
+        quad(lambda x, k=k: rate(std * x) ** k * norm.pdf(x), -8.0, 8.0, epsrel=1e-8)[0]
+        for k in (1, 2)
+    ]
+    found = of(mean_over_units(scene, {"clearance": Spread(std=std)}, method="exact", nodes=7))
+    assert found["mean"] == pytest.approx(moments[0], rel=1e-6)
+    between_units = math.sqrt(moments[1] - moments[0] ** 2)
+    assert found["std_between_units"] == pytest.approx(between_units, rel=1e-4)
+    # the control: the unit as stated has another rate
+    assert abs(rate(0.0) - moments[0]) > 1e-3 * moments[0]
+
+
+def test_what_few_nodes_leave_out_of_a_rare_mean_is_its_bias() -> None:
+    """A stop at 4 rms displacements, which are 1 m, that is off by up to 0.8 of them between units:
+    an elastic stop at u is hit exp(-u^2 / 2) / (2 pi Phi(u)) times a second."""
+    place = 4.0
+    scene = between_of_unit_means(Restitution(coefficient=1.0), lower=None, upper=place)
+    for std, nodes, fine in ((0.8, 3, False), (0.8, 5, False), (0.8, 15, True), (0.1, 5, True)):
+
+        def part(x: float, std: float = std) -> float:
+            u = place + std * x
+            return float(math.exp(-0.5 * u**2) / (2.0 * math.pi * norm.cdf(u)) * norm.pdf(x))
+
+        own = quad(part, -8.0, 8.0, epsrel=1e-9)[0]
+        spreads = {"clearance": Spread(std=std)}
+        found = of(mean_over_units(scene, spreads, method="exact", nodes=nodes))
+        assert abs(found["mean"] - own) < found["bias"] + 1e-6 * own, (std, nodes)
+        assert (found["bias"] < 0.02 * own) == fine, (std, nodes)
+
+
+def test_statistical_errors_are_not_taken_for_differences_between_units() -> None:
+    scene = between_of_unit_means(Restitution(coefficient=1.0))
+    spreads = {"damping": Spread(half_width=0.3)}
+    # fewer paths than an answer would take: the errors are large beside what differs
+    found = of(
+        mean_over_units(
+            scene, spreads, nodes=3, paths=64, duration=100.0, seed=5, threads=1
+        )
+    )  # fmt: skip
+    truth = of(mean_over_units(scene, spreads, method="exact", nodes=3))
+    error = 4.5 * found["standard_error"]
+    assert found["mean"] == pytest.approx(truth["mean"], abs=error + found["bias"])
+    assert found["standard_error"] > 0.0
+    assert found["std_between_units"] == pytest.approx(
+        truth["std_between_units"], abs=4.5 * math.sqrt(3.0) * found["standard_error"]
+    )
+
+
+SOFT = Viscoelastic(stiffness=40.0, damping_ratio=0.1)
+LOSSY = Restitution(coefficient=0.6)
+SPREAD = Spread(std=0.1)
+CASES: list[tuple[str, Scene, dict[str, Spread]]] = [
+    ("exact", between_of_unit_means(Elastic(stiffness=30.0)), {"stiffness": Spread(std=0.2)}),
+    (
+        "closure",
+        between_of_unit_means(LOSSY),
+        {"restitution": Spread(half_width=0.2), "clearance": SPREAD},
+    ),
+    ("exact", between_of_unit_means(Restitution(coefficient=1.0)), {"clearance": SPREAD}),
+    (
+        "exact",
+        between_of_unit_means(Restitution(coefficient=1.0)),
+        {"frequency": SPREAD, "level": SPREAD},
+    ),
+    ("exact", between_of_unit_means(Elastic(stiffness=5.0)), {"clearance": Spread(half_width=0.3)}),
+    (
+        "exact",
+        between_of_unit_means(Elastic(stiffness=30.0), upper=None),
+        {"damping": Spread(std=0.2)},
+    ),
+    (
+        "closure",
+        between_of_unit_means(SOFT),
+        {"stiffness": Spread(half_width=0.5), "damping": SPREAD},
+    ),
+    ("closure", between_of_unit_means(LOSSY, upper=None), {"clearance": Spread(std=0.2)}),
+    ("fokker-planck", between_of_unit_means(LOSSY), {"restitution": Spread(half_width=0.2)}),
+    ("fokker-planck", between_of_unit_means(SOFT), {"stiffness": Spread(std=0.2)}),
+    ("average", between_of_unit_means(Restitution(coefficient=0.95)), {"level": Spread(std=1.0)}),
+    (
+        "average",
+        between_of_unit_means(Restitution(coefficient=0.95)),
+        {"damping": Spread(std=0.15, mean=0.1)},
+    ),
+]
+
+
+@quick_cases(("method", "scene", "spreads"), CASES, keep=(0,))
+def test_the_mean_is_that_of_many_units(
+    method: str, scene: Scene, spreads: dict[str, Spread]
+) -> None:
+    table = mean_over_units(scene, spreads, method=method)
+    stops = np.array(own_distances(model_of(scene)))
+    units = Units(scene=scene, spreads=spreads, mean=model_of(scene).mean_gaps, stops=stops)
+    points = np.random.default_rng(4).random((80, len(units.columns)))
+    quantity = RATE if method != "average" else "x.velocity_mean_square"
+    values = [
+        float(sweep(units.built(row), {"structure.mass": [1.0]}, method=method)[quantity].iloc[0])
+        for row in units.drawn(points)
+    ]
+    # the method errs alike in both; its bias may be unknown
+    found, error = (
+        of(table.fillna({"bias": 0.0}), quantity),
+        float(np.std(values, ddof=1)) / math.sqrt(len(values)),
+    )
+    assert found["mean"] == pytest.approx(float(np.mean(values)), abs=4.5 * error + found["bias"])
+    # the standard deviation of n values is known to 1 / sqrt(2 n), of a normal distribution
+    known = 4.5 * float(np.std(values)) / math.sqrt(len(values))
+    assert found["std_between_units"] == pytest.approx(
+        float(np.std(values, ddof=1)), abs=known + found["bias"]
+    )
+    assert found["std_between_units"] > 4.5 * error / math.sqrt(len(values))
+
+
+def test_spreads_that_have_no_nodes_are_refused() -> None:
+    scene = between_of_unit_means(LOSSY)
+    with pytest.raises(ValueError, match="nodes of frequency must stay above -95 %"):
+        mean_over_units(scene, {"frequency": Spread(std=0.4)}, method="closure", nodes=7)
+    with pytest.raises(ValueError, match="at most 10000 combinations of nodes"):
+        mean_over_units(scene, {"clearance": SPREAD, "level": SPREAD}, nodes=30)
+    with pytest.raises(ValueError, match="method must be one of"):
+        mean_over_units(scene, {"clearance": SPREAD}, method="guess")

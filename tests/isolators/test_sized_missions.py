@@ -28,7 +28,7 @@ from stochvi.isolators import MissionSizing, size_by_damage
 from stochvi.isolators.sizing.answer import Sizing
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import shipped_scene
-from stochvi.scenes.excitations.pulses import Pulses
+from stochvi.scenes.excitations.drawn import Pulses
 from stochvi.scenes.phases import Phase
 from stochvi.views.report import write_clearance_report
 from support import judges

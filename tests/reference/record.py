@@ -23,13 +23,13 @@ import pandas as pd
 import stochvi
 from stochvi.absorbers.design import design_absorber
 from stochvi.absorbers.performance import absorber
-from stochvi.isolators.sizing.clatter import clatter
-from stochvi.isolators.sizing.exceedances import chance_in_windows
+from stochvi.isolators.sizing.review import clatter
+from stochvi.isolators.sizing.risk_curve import chance_in_windows
 from stochvi.methods.monte_carlo import record_path
-from stochvi.methods.periodic.basins import basins
+from stochvi.methods.periodic.attracted import basins
 from stochvi.scenes.datasets import shipped_scene, zoo_files
-from stochvi.statistics.bursts import bursts
-from stochvi.statistics.first_crossings import first_crossings
+from stochvi.statistics.clusters import bursts
+from stochvi.statistics.crossings import first_crossings
 from stochvi.statistics.lifetimes import lifetimes
 from stochvi.statistics.rare_hits import rare_hits
 from stochvi.sweeps import sweep

@@ -2,38 +2,67 @@
 
 from __future__ import annotations
 
+import errno
 import gzip
 import importlib
 import io
 import json
 import math
+import os
 import pkgutil
 import re
 import tempfile
+import tracemalloc
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from datetime import datetime
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import jsonschema
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 
 import stochvi
-from stochvi import Oscillator, Scene, WhiteNoise
+from stochvi import ImpactPair, Isolator, Oscillator, Restitution, Scene, WhiteNoise
 from stochvi.cli.answer_schema import answer_schema
+from stochvi.cli.program import main
 from stochvi.identification import Rebounds
+from stochvi.isolators import jolts
+from stochvi.isolators.record_verdict import response_law
+from stochvi.mathematics.units import shown_in, units_of
 from stochvi.methods import periodic
-from stochvi.results.base import Result, plain, total_cost
+from stochvi.methods.monte_carlo import record_path
+from stochvi.results import files
+from stochvi.results.base import Result, in_chosen_units, plain, total_cost
+from stochvi.results.errors import (
+    Interrupted,
+    NotApplicable,
+    NotConverged,
+    SceneError,
+    StochviError,
+    reason_of,
+)
 from stochvi.results.estimates import Cost, Estimate
-from stochvi.results.kinds import name_of
-from stochvi.statistics.impacts.method import impacts
-from stochvi.statistics.spectra.method import spectrum
-from stochvi.verification.check_of_many import check_many
+from stochvi.results.files import name_of
+from stochvi.sampling.calculations import calculation
+from stochvi.sampling.run import Run
+from stochvi.scenes.datasets import shipped_scene
+from stochvi.scenes.phases import Phase
+from stochvi.scenes.scene import scene_from
+from stochvi.statistics.impacts import impacts
+from stochvi.statistics.spectra import spectrum
+from stochvi.verification.check import check_many
 from stochvi.verification.cost import cost
 from stochvi.views.tables import value_with_error
 from support import CHECKOUT, judges
+from support.commands import Run as RunOfCommands
+from support.commands import refused
 from support.known import oscillator
 from support.pairs import pair, uncoupled
 from support.sized import scene_between_stops, sizing_of
@@ -377,3 +406,295 @@ def test_names_of_parts_in_files_are_those_of_one_class() -> None:
                 known.setdefault(name_of(kind), set()).add(kind)
     assert len(known) > 500
     assert {name: kinds for name, kinds in known.items() if len(kinds) > 1} == {}
+
+
+# ------------------------------------------------------------------------------
+# Tables in the units that a reader has chosen.
+# ------------------------------------------------------------------------------
+
+
+INCH, FOOT = 0.0254, 0.3048
+
+
+def test_columns_are_converted_where_their_unit_is_known_and_chosen() -> None:
+    table = pd.DataFrame(
+        {
+            "time_s": [1.0], "x.displacement_m": [INCH], "ry.displacement_m": [0.5],
+            "x.acceleration_m_s2.standard_error": [FOOT], "hit_rate_low": [2.0],
+            "corner 1": [INCH], "limit": [3.0], "clearance_in_sigma": [4.0], "note": ["m"],
+        }
+    )  # fmt: skip
+    with shown_in(units_of("in, ft/s2, per min")):
+        found = in_chosen_units(table, {"corner 1": "m"})
+    assert list(found) == [
+        "time_s", "x.displacement_in", "ry.displacement_m",
+        "x.acceleration_ft_s2.standard_error", "hit_rate_per_min_low",
+        "corner 1_in", "limit", "clearance_in_sigma", "note",
+    ]  # fmt: skip
+    # an angle is no length, and a ratio has no unit
+    assert found.iloc[0].tolist() == pytest.approx([1.0, 1.0, 0.5, 1.0, 120.0, 1.0, 3.0, 4.0, "m"])
+
+
+def test_rows_are_converted_where_they_state_a_unit_that_has_a_choice() -> None:
+    table = pd.DataFrame(
+        {
+            "unit": ["m", "m^2", "rad", "1", "m/s"],
+            "value": [INCH, INCH**2, 1.0, 1.0, 1.0],
+            "standard_error": [2.0 * INCH, float("nan"), 1.0, 1.0, 1.0],
+            "method": "exact",
+        }
+    )
+    with shown_in(units_of("in")):
+        found = in_chosen_units(table)
+    assert found["unit"].tolist() == ["in", "in²", "rad", "1", "m/s"]
+    assert found["value"].tolist() == pytest.approx([1.0, 1.0, 1.0, 1.0, 1.0])
+    assert found["standard_error"].iloc[0] == pytest.approx(2.0)
+
+
+def test_without_a_choice_a_table_is_as_it_was() -> None:
+    table = pd.DataFrame({"clearance": [0.004], "unit": ["m"], "value": [1]})
+    assert in_chosen_units(table) is table
+
+
+# ------------------------------------------------------------------------------
+# What an answer says of its call: function, arguments, date and commit.
+# ------------------------------------------------------------------------------
+
+
+def lossy_of_origin() -> stochvi.Scene:
+    return oscillator(-1.0, 1.0, 0.8)
+
+
+@pytest.fixture
+def uncached() -> Iterator[None]:
+    files.commit.cache_clear()
+    yield
+    files.commit.cache_clear()
+
+
+def test_an_answer_records_its_call() -> None:
+    with ThreadPoolExecutor(1) as executor:
+        found = stochvi.simulate(
+            lossy_of_origin(), paths=np.int64(4), duration=5.0, seed=7, executor=executor,
+            progress=lambda done, text: None,
+        )  # fmt: skip
+    call = found.provenance["call"]
+    assert call["function"] == "simulate"
+    asked = call["arguments"]
+    assert (asked["paths"], asked["duration"], asked["seed"]) == (4, 5.0, 7)
+    assert asked["budget"] == 60.0, "also what was left out"
+    assert asked["executor"] == "ThreadPoolExecutor"
+    assert not {"scene", "progress"} & asked.keys()
+    assert datetime.fromisoformat(call["date"]).tzinfo is not None
+    assert json.loads(json.dumps(found.to_dict(), allow_nan=False)) == found.to_dict()
+
+
+def test_an_answer_that_falls_short_records_its_call() -> None:
+    with pytest.raises(NotConverged) as short:
+        stochvi.simulate(lossy_of_origin(), rel_error=1e-6, budget=0.05, seed=1)
+    assert short.value.partial.provenance["call"]["arguments"]["rel_error"] == 1e-6
+
+
+def test_one_seed_gives_equal_answers() -> None:
+    asked = {"paths": 4, "duration": 5.0}
+    first = stochvi.simulate(lossy_of_origin(), **asked, seed=1, threads=1)
+    assert first == stochvi.simulate(lossy_of_origin(), **asked, seed=1, threads=2)
+    assert first != stochvi.simulate(lossy_of_origin(), **asked, seed=2, threads=1)
+    assert first != stochvi.simulate(oscillator(-1.0, 1.0, 0.7), **asked, seed=1, threads=1)
+
+
+def test_a_long_argument_is_recorded_by_its_size() -> None:
+    scene = oscillator(-1.0, 1.0)
+    for number in (3, 200):
+        times = np.linspace(0.1, 1.0, number)
+        found = stochvi.first_passage(scene, times=times, rtol=1e-2)
+        recorded = found.provenance["call"]["arguments"]["times"]
+        assert recorded == (times.tolist() if number == 3 else "200 entries")
+
+
+@pytest.mark.usefixtures("uncached")
+def test_the_commit_is_that_of_an_installation_from_a_repository(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    source: list[str | None] = [json.dumps({"vcs_info": {"vcs": "git", "commit_id": "c0ffee"}})]
+    installed = SimpleNamespace(read_text=lambda name: source[0])
+    monkeypatch.setattr(files, "distribution", lambda name: installed)
+    assert files.commit() == "c0ffee"
+    files.commit.cache_clear()
+    source[0] = None
+    monkeypatch.setattr(files, "__file__", str(tmp_path / "site-packages" / "a" / "b.py"))
+    assert files.commit() is None, "a released wheel"
+
+
+@pytest.mark.usefixtures("uncached")
+def test_a_checkout_without_git_has_no_commit(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / ".git").mkdir()
+    monkeypatch.setattr(files, "__file__", str(tmp_path / "stochvi" / "results" / "origin.py"))
+    assert files.commit() is None, "no commit in it"
+    monkeypatch.setenv("PATH", "")
+    files.commit.cache_clear()
+    assert files.commit() is None, "no git"
+
+
+# ------------------------------------------------------------------------------
+# Sentences of errors, whatever the locale of the user.
+# ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("number", "reason"),
+    [(errno.ENOENT, "no such file or directory"), (errno.ECONNRESET, "in der sprache des systems")],
+)
+def test_the_reason_of_a_system_is_said_in_english_where_it_is_known(
+    monkeypatch: pytest.MonkeyPatch, number: int, reason: str
+) -> None:
+    monkeypatch.setattr(os, "strerror", lambda _: "In der Sprache des Systems")
+    assert reason_of(OSError(number, "In der Sprache des Systems")) == reason
+    assert reason_of(OSError(number, "Our own reason")) == "our own reason"
+
+
+@pytest.mark.parametrize("kind", [NotConverged, Interrupted])
+def test_an_error_carries_what_was_found_and_answers_to_the_former_name(
+    kind: type[NotConverged | Interrupted],
+) -> None:
+    assert kind("too late").partial is None
+    error = kind("too late", "so far")
+    assert (str(error), error.partial, error.response) == ("too late", "so far", "so far")
+    error.response = "more"
+    assert error.partial == "more"
+
+
+FAR = {"kind": "rigid-body", "mass": 5.0, "inertia": [0.05, 0.06, 0.07], "mount": [
+    {"at": [x, y, -0.1], "stiffness": [5e3, 5e3, 8e3], "zeta": 0.05}
+    for x, y in ((0.1, 0.1), (-0.1, 0.1), (0.1, -0.1), (1e300, -0.1))
+]}  # fmt: skip
+HIGH = {"kind": "beam", "length": 0.3, "width": 0.02, "height": 1e300, "young": 7e10,
+        "density": 2700.0, "zeta": 0.02, "modes": 3}  # fmt: skip
+NOISE = [{"kind": "psd", "profile": "mil-std-810h-truck-vertical-5hz"}]
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize(
+    ("document", "place"),
+    [({"structure": FAR, "excitation": NOISE}, "look at mount.3.at.0 = 1e+300"),
+     ({"structure": HIGH, "excitation": NOISE}, "look at height = 1e+300")],
+)  # fmt: skip
+def test_numbers_beyond_arithmetic_are_named(document: dict[str, Any], place: str) -> None:
+    with pytest.raises(SceneError, match="too large, too small or too far apart") as told:
+        scene_from(document).structure.matrices()
+    assert place in str(told.value)
+
+
+def test_a_calculation_names_the_number_that_it_overflows_with() -> None:
+    @calculation
+    def overflowing(scene: Scene) -> float:
+        return math.exp(float(scene.excitations[0].intensity))  # type: ignore[union-attr]
+
+    structure = Isolator(frequency_hz=10.0, zeta=0.1)
+    scene = Scene(structure=structure, excitations=[WhiteNoise(intensity=1e40)])
+    with pytest.raises(NotApplicable, match=r"look at excitation.0.intensity = 1e\+40"):
+        overflowing(scene)
+    mild = Scene(structure=structure, excitations=[WhiteNoise(intensity=2e3)])
+    with pytest.raises(NotApplicable, match="too far apart to calculate with") as told:
+        overflowing(mild)
+    assert "look at" not in str(told.value)
+
+
+def test_one_path_of_impacts_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A budget that ends after one path, which has no standard error."""
+    law = Restitution(coefficient=0.5)
+    scene = Scene(
+        structure=Isolator(frequency_hz=10.0, zeta=0.1),
+        impact_pairs=[ImpactPair(lower=-1e-3, upper=1e-3, law=law)],
+        excitations=[WhiteNoise(intensity=1e-3)],
+    )
+
+    def after_one(self: Run, sampler: Any, *_: Any, **__: Any) -> Any:
+        return self.until(sampler, 1)
+
+    monkeypatch.setattr(Run, "to_accuracy", after_one)
+    with pytest.raises(NotConverged, match="after one path; raise budget"):
+        impacts(scene, budget=60.0)
+
+
+def test_a_level_of_a_phase_has_the_limits_of_that_of_an_excitation() -> None:
+    with pytest.raises(SceneError, match=r"level_db outside -200\.\.200, got 1e\+09"):
+        Phase(name="road", duration=10.0, level_db=1e9)
+
+
+def test_a_mount_far_above_its_record_is_screened() -> None:
+    """A law of its motion: it follows the base, however stiff it is."""
+
+    def density(f: np.ndarray) -> np.ndarray:
+        return np.where((f >= 5.0) & (f <= 120.0), 1.0, 0.0)
+
+    found = response_law(density, top=125.0, natural=1e4, width=2e3)
+    zero, two = 115.0, (120.0**3 - 5.0**3) / 3.0
+    assert found.crossing_rate == pytest.approx(math.sqrt(two / zero), rel=0.03)
+
+
+def test_a_curve_of_clearances_needs_stops(tmp_path: Path) -> None:
+    path = tmp_path / "bare.toml"
+    path.write_text(
+        '[structure]\nkind = "isolator"\nfrequency_hz = 12.0\nzeta = 0.1\n'
+        '[[excitation]]\nkind = "psd"\nprofile = "mil-std-810h-truck-vertical-5hz"\n'
+    )
+    found = CliRunner().invoke(main, ["clearance", str(path)])
+    assert found.exit_code == 2 and "the scene needs an impact_pair" in found.stderr
+
+
+# ------------------------------------------------------------------------------
+# Sizes are refused before memory is taken for them.
+# ------------------------------------------------------------------------------
+
+
+MOUNT, BUMPER = str(shipped_scene("isolator-sine")), str(shipped_scene("isolator-bumper"))
+
+MANY, ENDS = "100000000", ("--from", "1", "--to", "20")
+
+QUESTIONS = {
+    "sine": ((MOUNT, *ENDS, "--points", MANY), "--points must be at most 1000000"),
+    "bifurcation": ((MOUNT, *ENDS, "--points", MANY), "--points must be at most 1000000"),
+    "basins": (
+        (MOUNT, "--start", f"displacement.x=-1:1:{MANY}", "--start", f"velocity.x=-1:1:{MANY}"),
+        "--start displacement.x must be at most 1000000",
+    ),
+    "history": ((BUMPER, "--duration", "1e6"), r"ask for about 1.2e\+04 s or less"),
+    "jolt": ((MOUNT, "--speeds", "0.1", "--paths", MANY), "paths must be at most 1[0-9]{5}, got"),
+}
+
+
+@pytest.mark.parametrize("command", QUESTIONS)
+def test_a_command_refuses_what_would_not_fit(stochvi: RunOfCommands, command: str) -> None:
+    words, sentence = QUESTIONS[command]
+    tracemalloc.start()
+    said = refused(stochvi(command, *words))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert pytest.approx(0, abs=2e8) == peak  # it used to take gigabytes
+    with pytest.raises(ValueError, match=sentence):
+        raise ValueError(said)
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda scene: record_path(scene, duration=10.0, step=1e-300),
+        lambda scene: record_path(scene, duration=1e12),
+        lambda scene: stochvi.history(scene, duration=10.0, rate=1e300),
+        lambda scene: stochvi.history(scene, duration=1e12),
+        lambda scene: jolts(stochvi.load_scene(MOUNT), [0.1], paths=10**9),
+    ],
+)
+def test_a_function_refuses_what_would_not_fit(ask: Callable[[Any], Any]) -> None:
+    with pytest.raises((StochviError, ValueError), match="at most"):
+        ask(oscillator(-1.0, 1.0, 0.8))
+
+
+def test_a_message_has_few_lines() -> None:
+    error = SceneError([(f"key.{number}", "is wrong") for number in range(100_000)])
+    lines = str(error).splitlines()
+    assert len(lines) == 20 and lines[-1] == "and 99981 more like these"
+    assert len(error.problems) == 100_000

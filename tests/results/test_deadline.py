@@ -2,30 +2,42 @@
 
 from __future__ import annotations
 
+import math
+import os
 import pickle
 import signal
+import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from threading import get_ident
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from stochvi.engine.compiling import kernel
 from stochvi.engine.late_exceptions import disturbed, raise_late, undisturbed
-from stochvi.model.calculations import calculation
+from stochvi.methods.monte_carlo import simulate
+from stochvi.results import deadline as module
 from stochvi.results.deadline import (
     NEVER,
     Deadline,
     Overdue,
+    Pace,
+    Progress,
     ended_by,
     graceful_interrupt,
     start_clock,
     stop_clock,
 )
 from stochvi.results.errors import Interrupted, NotConverged
+from stochvi.results.files import usable_cores
+from stochvi.sampling.calculations import calculation
+from stochvi.scenes.excitations import WhiteNoise
+from stochvi.scenes.scene import Scene
+from stochvi.scenes.structures import Oscillator
 
 
 def test_ctrl_c_ends_also_what_begins_after_it_within_the_same_command() -> None:
@@ -250,3 +262,147 @@ def test_nothing_is_told_of_a_destructor_that_is_ended(monkeypatch: pytest.Monke
     with pytest.raises(NotConverged):
         ended(work)
     assert not told
+
+
+# ------------------------------------------------------------------------------
+# Progress predicts the time left; notebooks show that of the calculation that was asked for.
+# ------------------------------------------------------------------------------
+
+
+def test_the_time_left_is_that_at_the_pace_since_the_first_report(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The time before the first report used to count, in which the fraction did not grow."""
+    now = [1000.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    pace = Pace("size")
+    now[0] += 30.0
+    assert math.isinf(pace.left(0.5))
+    now[0] += 2.0
+    assert pace.left(0.6) == pytest.approx(8.0)
+    assert pace(0.6, "first crossings") == "size: 60 %, first crossings, 8 s left"
+
+
+@calculation
+def inner(*, progress: Progress | None = None) -> bool:
+    if progress:
+        progress(0.5, "inside")
+    return progress is not None
+
+
+@calculation
+def outer(*, progress: Progress | None = None) -> tuple[bool, bool]:
+    if progress:
+        progress(0.25, "100 paths < 200")
+    return progress is not None, inner()
+
+
+class Notebook:
+    """What a kernel has of IPython, which keeps what is displayed."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, kernel: object) -> None:
+        self.shown: list[str] = []
+        self.places = 0
+        shell = SimpleNamespace(kernel=kernel)
+        fake = SimpleNamespace(get_ipython=lambda: shell)
+        monkeypatch.setitem(sys.modules, "IPython", fake)
+        monkeypatch.setitem(sys.modules, "IPython.display", SimpleNamespace(display=self.display))
+        monkeypatch.setattr(module, "FIRST_SECONDS", 0.0)
+
+    def display(self, forms: dict[str, str], **more: Any) -> Notebook:
+        self.places += 1
+        self.update(forms)
+        return self
+
+    def update(self, forms: dict[str, str], **more: Any) -> None:
+        self.shown.append(forms["text/html"])
+
+
+def test_a_notebook_shows_one_bar_for_a_calculation_and_what_it_calls(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    notebook = Notebook(monkeypatch, kernel=object())
+    assert outer() == (True, False)
+    assert notebook.places == 1
+    first, last = notebook.shown
+    assert "outer: 25 %, 100 paths &lt; 200" in first
+    assert last == ""
+    assert inner(), "the next calculation has the cell to itself"
+
+
+def test_a_calculation_that_fails_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    notebook = Notebook(monkeypatch, kernel=object())
+
+    @calculation
+    def failing(*, progress: Progress | None = None) -> None:
+        assert progress
+        progress(0.1, "begun")
+        raise ValueError("no more")
+
+    with pytest.raises(ValueError, match="no more"):
+        failing()
+    assert notebook.shown[-1] == ""
+    assert inner()
+
+
+def test_who_gives_a_progress_gets_it_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    notebook = Notebook(monkeypatch, kernel=object())
+    heard: list[str] = []
+    inner(progress=lambda done, text: heard.append(text))
+    assert heard == ["inside"]
+    assert notebook.shown == []
+
+
+@pytest.mark.parametrize("where", ["script", "terminal of IPython"])
+def test_programs_stay_silent(monkeypatch: pytest.MonkeyPatch, where: str) -> None:
+    notebook = Notebook(monkeypatch, kernel=None)
+    if where == "script":
+        monkeypatch.delitem(sys.modules, "IPython")
+    assert outer() == (False, False)
+    assert notebook.shown == []
+
+
+# ------------------------------------------------------------------------------
+# The package runs on systems that do not know to which cores a process is bound.
+# ------------------------------------------------------------------------------
+
+
+def without(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    for name in names:
+        monkeypatch.delattr(os, name, raising=False)
+
+
+def test_the_number_of_usable_cores_is_found_on_every_system(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
+    without(monkeypatch, "process_cpu_count")
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 3, 5}, raising=False)
+    assert usable_cores() == 3  # Linux
+    without(monkeypatch, "sched_getaffinity")
+    monkeypatch.setattr(os, "cpu_count", lambda: 7)
+    assert usable_cores() == 7  # macOS and Windows
+    monkeypatch.setattr(os, "cpu_count", lambda: None)
+    assert usable_cores() == 1
+    monkeypatch.setattr(os, "process_cpu_count", lambda: 5, raising=False)
+    assert usable_cores() == 5  # Python 3.13 and newer
+
+
+@pytest.mark.parametrize(
+    ("asked", "cores"), [("2", 2), ("64", 5), ("", 5), ("0", 5), ("-1", 5), ("all", 5)]
+)
+def test_the_threads_of_numba_limit_those_of_a_simulation(
+    monkeypatch: pytest.MonkeyPatch, asked: str, cores: int
+):
+    monkeypatch.setattr(os, "process_cpu_count", lambda: 5, raising=False)
+    monkeypatch.setenv("NUMBA_NUM_THREADS", asked)
+    assert usable_cores() == cores
+
+
+def test_simulation_runs_where_affinity_is_unknown(monkeypatch: pytest.MonkeyPatch):
+    scene = Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+    monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
+    without(monkeypatch, "sched_getaffinity", "process_cpu_count")
+    found = simulate(scene, paths=32, duration=10.0, seed=1)
+    assert found.cost.paths == 32 and found.cost.threads == os.cpu_count()

@@ -21,7 +21,7 @@ from stochvi import (
     linearise,
     simulate,
 )
-from stochvi.results.response import NEVER_ZERO, PairResponse
+from stochvi.results.base import NEVER_ZERO, PairResponse
 
 METHODS: dict[str, Callable[[Scene], Response]] = {
     "exact": exact,

@@ -1,9 +1,13 @@
 """All samplers have all of it: executors, checkpoints, budgets and Ctrl-C, with the same digits."""
 
+from __future__ import annotations
+
+import ast
 import json
 import math
 import os
 import pickle
+import re
 import signal
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -18,27 +22,27 @@ import pytest
 from stochvi import load_scene, simulate
 from stochvi.absorbers.design import design_absorber
 from stochvi.absorbers.performance import absorber
+from stochvi.cli import options as command_line
 from stochvi.isolators import clearance_curve, sensitivity, size
-from stochvi.isolators.sizing.changes import Tolerances
-from stochvi.isolators.sizing.clatter import clatter
-from stochvi.isolators.sizing.exceedances import chance_in_windows
-from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.response_sampler import ResponseSampler
-from stochvi.methods.periodic.basins import basins
+from stochvi.isolators.sizing.review import clatter
+from stochvi.isolators.sizing.risk_curve import chance_in_windows
+from stochvi.isolators.tolerances import Tolerances
+from stochvi.methods.monte_carlo.choose_plan import ResponseSampler, make_plan
+from stochvi.methods.periodic.attracted import basins
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.errors import Interrupted, NotConverged
+from stochvi.sampling.calculations import BUDGET, DEFAULTS, SamplingOptions
 from stochvi.sampling.workers import WorkerPool, packed, unpacked
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.excitations import Modulation, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Oscillator
-from stochvi.statistics.bursts import BurstSampler, bursts
-from stochvi.statistics.cluster_paths import ClusterPaths
+from stochvi.statistics.clusters import BurstSampler, ClusterPaths, bursts
+from stochvi.statistics.crossings import first_crossings
 from stochvi.statistics.damage import damage
 from stochvi.statistics.densities import densities
-from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.impacts import impacts
 from stochvi.statistics.lifetimes import lifetimes
 from stochvi.statistics.rare_hits import rare_hits
@@ -47,6 +51,7 @@ from stochvi.statistics.spectra import spectrum
 from stochvi.statistics.stability import stability
 from stochvi.sweeps import sweep
 from stochvi.verification.cost import cost
+from support import CHECKOUT
 from support.pairs import pair, uncoupled
 
 FREE = Scene(
@@ -471,3 +476,70 @@ def test_a_second_ctrl_c_ends_at_once() -> None:
 def test_what_takes_no_tasks_is_refused(sampler: Any) -> None:
     with pytest.raises(ValueError, match=r"executor must be a concurrent.futures.Executor"):
         sampler(executor=4)
+
+
+# ------------------------------------------------------------------------------
+# One set of options for everything that samples: in Python, on the command line, on the page.
+# ------------------------------------------------------------------------------
+
+
+MOST_PARAMETERS = 8
+"""Largest number of parameters of a function that users do not call."""
+
+PUBLIC = {
+    "size", "fokker_planck_many", "linearise_many", "reliability", "damage",
+    "absorber",  # the command
+}  # fmt: skip
+"""Public calls, whose options users name."""
+
+
+def test_the_page_has_the_names_and_defaults() -> None:
+    page = (CHECKOUT / "docs/howto/long-runs.md").read_text(encoding="utf-8")
+    table = re.findall(r"^\| `(\w+)` \| .* \| ([^|]*) \|$", page, re.MULTILINE)
+    assert {name for name, _ in table} == set(DEFAULTS) == set(SamplingOptions.__annotations__)
+    for name, default in table:
+        known = DEFAULTS[name]
+        said = "None" if known is None else f"{known:g}"
+        assert default.partition(":")[0] == said or name == "rel_error", name
+
+
+def test_the_command_line_has_the_same_default_budget() -> None:
+    assert command_line.BUDGET == BUDGET
+
+
+def long_signatures(file: Path) -> list[str]:
+    """Functions with more parameters than MOST_PARAMETERS, `self` apart; those that are compiled
+    into kernels are left out."""
+    found = []
+    for each in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if not isinstance(each, ast.FunctionDef):
+            continue
+        if any(ast.unparse(mark).startswith("kernel") for mark in each.decorator_list):
+            continue
+        asked = each.args
+        named = [*asked.posonlyargs, *asked.args, *asked.kwonlyargs]
+        number = len(named) + bool(asked.vararg) + bool(asked.kwarg)
+        number -= bool(named) and named[0].arg in ("self", "cls")
+        if number > MOST_PARAMETERS and each.name not in PUBLIC:
+            found.append(f"{file.name}: {each.name} ({number})")
+    return found
+
+
+def test_functions_have_few_parameters() -> None:
+    compiled = ("kernels", "kernel.py")
+    files = CHECKOUT.glob("stochvi/**/*.py")
+    assert [
+        sentence
+        for file in files
+        if not set(compiled) & set(file.parts)
+        for sentence in long_signatures(file)
+    ] == []
+
+
+def test_a_long_signature_is_found(tmp_path: Path) -> None:
+    """Negative control."""
+    file = tmp_path / "one.py"
+    file.write_text("def f(a, b, c, d, e, f, g, h, i): ...\n")
+    assert long_signatures(file) == ["one.py: f (9)"]
+    file.write_text("@kernel\ndef f(a, b, c, d, e, f, g, h, i): ...\n")
+    assert long_signatures(file) == []

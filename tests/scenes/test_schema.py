@@ -11,8 +11,8 @@ import pytest
 
 from stochvi.cli.scenes import KINDS
 from stochvi.scenes.datasets import data_folder
-from stochvi.scenes.impact_laws.rubber_data import DAMPING, PAD
-from stochvi.scenes.schema import RUBBER, scene_schema
+from stochvi.scenes.impact_laws.compliant import DAMPING, PAD
+from stochvi.scenes.keys import RUBBER, scene_schema
 from support.commands import Run
 
 SCENES = sorted((data_folder() / "scenes").rglob("*.toml"))

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from stochvi.identification import ForceCurve, read_test
-from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.units import DENSITIES
 from stochvi.results.errors import SceneError
 from stochvi.scenes.excitations.base import agreed_unit
 from stochvi.scenes.readers import SPECTRAL_DENSITY, TIME_RESPONSE, read_columns
-from stochvi.scenes.text_headings import Heading
+from stochvi.scenes.text_tables import Heading
 
 G = 9.80665
 

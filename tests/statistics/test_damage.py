@@ -1,14 +1,21 @@
 """Equipment on simulated accelerations against plain twins, closed forms and other programs."""
 
+from __future__ import annotations
+
 import importlib.util
 import itertools
+import json
 import math
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
+from scipy.signal import lsim
 from scipy.special import i0e
-from scipy.stats import binom
+from scipy.stats import binom, gumbel_r
 
 from stochvi import (
     Elastic,
@@ -18,6 +25,7 @@ from stochvi import (
     Matrices,
     NotApplicable,
     Oscillator,
+    RecordedNoise,
     Restitution,
     Scene,
     Sine,
@@ -28,32 +36,36 @@ from stochvi import (
     exact,
     history,
     impacts,
+    load_scene,
     screen,
 )
 from stochvi.cli.options import band
-from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import Table
-from stochvi.methods.monte_carlo.history_plans import plan_histories
-from stochvi.methods.monte_carlo.kernels.equipment import STACK, count_turn, open_cycles
-from stochvi.model.free_motion import free_motion
+from stochvi.methods.monte_carlo.choose_plan import plan_histories
+from stochvi.methods.monte_carlo.kernels.records import STACK, count_turn, open_cycles
+from stochvi.model.coverage import free_motion
 from stochvi.model.model import model_of
+from stochvi.results.estimates import format_with_error
 from stochvi.scenes.datasets import profiles
-from stochvi.statistics.accelerations import accelerations
 from stochvi.statistics.damage import SpectrumValues
-from stochvi.statistics.damage.equipment import Equipment
-from stochvi.statistics.damage.equivalent import equivalent_density
-from stochvi.statistics.damage.extremes import largest_of_mission
-from stochvi.statistics.damage.gaussian import (
+from stochvi.statistics.damage.assessment import HOLD_ERROR
+from stochvi.statistics.damage.equipment import (
+    Equipment,
+    EquipmentSpectra,
     GaussianAcceleration,
     GaussianEquipment,
     SpectralMoments,
     dirlik,
+    largest_of_mission,
     three_quarters,
 )
-from stochvi.statistics.damage.method import HOLD_ERROR
-from stochvi.statistics.damage.records import DamageSampler, sampled_for
+from stochvi.statistics.damage.missions import envelope, equivalent_density, joint_spectra
+from stochvi.statistics.damage.simulated import DamageSampler, sampled_for
+from stochvi.statistics.histories import accelerations
 from stochvi.testing import assert_agrees
 from support import judges
+from support.commands import Run
 
 TRUCK = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
 MOUNT = Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0)
@@ -883,3 +895,411 @@ def test_intervals_of_simulated_damage_hold_as_often_as_they_say() -> None:
     assert np.all(np.mean(away <= 1.0, axis=0) > 0.8)
     # the control: intervals of a third of the width hold too seldom
     assert np.all(np.mean(away <= 1.0 / 3.0, axis=0) < 0.8)
+
+
+# ------------------------------------------------------------------------------
+# Damage of a mission of phases, and the random test that does the same damage.
+# ------------------------------------------------------------------------------
+
+
+FREE_OF_MISSIONS = Scene(
+    structure=Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0), excitations=[TRUCK]
+)
+BUMPERS_OF_MISSIONS = FREE_OF_MISSIONS.replace(
+    impact_pairs=[ImpactPair(clearance=6e-3, law=Elastic(stiffness=2e5))]
+)
+EQUIPMENT_OF_MISSIONS = [20.0, 60.0, 200.0]
+
+
+def halves(scene: Scene, *changes: dict[str, float]) -> Scene:
+    """A mission of two phases of half an hour."""
+    changes = changes or ({}, {})
+    return scene.replace(
+        phase=[
+            {"name": name, "duration": 1800.0, **change}
+            for name, change in zip(("a", "b"), changes, strict=True)
+        ]
+    )
+
+
+def test_two_halves_are_one_mission() -> None:
+    whole = damage(FREE_OF_MISSIONS, mission=3600.0, equipment=EQUIPMENT_OF_MISSIONS).with_stops
+    found = damage(halves(FREE_OF_MISSIONS), equipment=EQUIPMENT_OF_MISSIONS)
+    assert found.mission == 3600.0
+    for name in ("response_rms", "cumulative_rms", "fatigue_damage"):
+        one, two = (getattr(each, name).value for each in (whole, found.with_stops))
+        assert two == pytest.approx(one, rel=1e-12)
+    largest, bias = found.with_stops.extreme_response.value, whole.extreme_response.bias
+    assert np.all(np.abs(largest - whole.extreme_response.value) < bias)
+    # the largest of one half alone is smaller by more
+    half = damage(
+        FREE_OF_MISSIONS, mission=1800.0, equipment=EQUIPMENT_OF_MISSIONS
+    ).with_stops.extreme_response.value
+    assert np.all(largest - half > 1.5 * bias)
+
+
+def test_the_loud_half_does_nearly_all() -> None:
+    loud = damage(FREE_OF_MISSIONS.at_level(6.0), mission=1800.0, equipment=EQUIPMENT_OF_MISSIONS)
+    quiet = damage(FREE_OF_MISSIONS, mission=1800.0, equipment=EQUIPMENT_OF_MISSIONS)
+    both = damage(
+        halves(FREE_OF_MISSIONS, {}, {"level_db": 6.0}), equipment=EQUIPMENT_OF_MISSIONS
+    ).with_stops
+    one, two = (each.with_stops for each in (quiet, loud))
+    assert both.fatigue_damage.value == pytest.approx(
+        one.fatigue_damage.value + two.fatigue_damage.value, rel=1e-12
+    )
+    mean = 0.5 * (one.response_rms.value**2 + two.response_rms.value**2)
+    assert both.response_rms.value**2 == pytest.approx(mean, rel=1e-12)
+    assert both.extreme_response.value == pytest.approx(two.extreme_response.value, rel=1e-3)
+
+
+def test_the_largest_of_phases_is_that_of_drawn_ones() -> None:
+    """A million missions whose phases have Gumbel's distribution."""
+    modes, widths = np.array([[10.0], [11.0], [9.0]]), np.array([[1.0], [0.5], [1.5]])
+    nothing = SpectrumValues(value=np.ones(1), standard_error=np.zeros(1), bias=np.zeros(1))
+
+    def phase(mode: np.ndarray, width: np.ndarray) -> EquipmentSpectra:
+        law = gumbel_r(mode, width)
+        error = SpectrumValues(value=law.mean(), standard_error=np.ones(1), bias=np.full(1, 0.1))
+        return EquipmentSpectra(
+            response_rms=nothing, extreme_response=error, extreme_lower=law.ppf(0.025),
+            extreme_upper=law.ppf(0.975), fatigue_damage=nothing, cumulative_rms=nothing,
+        )  # fmt: skip
+
+    phases = [phase(*each) for each in zip(modes, widths, strict=True)]
+    found = joint_spectra(phases, np.ones(3))
+    random = np.random.default_rng(1)
+    drawn = gumbel_r.rvs(modes, widths, size=(3, 1_000_000), random_state=random)
+    largest, first = drawn.max(axis=0), drawn.argmax(axis=0)
+    error = 4.5 * largest.std() / 1e3
+    assert found.extreme_response.value[0] == pytest.approx(largest.mean(), abs=error)
+    assert drawn.mean(axis=1).max() < largest.mean() - 10.0 * error
+    for end, share in ((found.extreme_lower, 0.025), (found.extreme_upper, 0.975)):
+        assert np.mean(largest < end[0]) == pytest.approx(share, abs=4.5 * math.sqrt(share / 1e6))
+    # an error of a phase counts as often as its response is the largest
+    shares = np.bincount(first, minlength=3) / 1e6
+    assert found.extreme_response.standard_error[0] == pytest.approx(
+        np.linalg.norm(shares), abs=5e-3
+    )
+    assert found.extreme_response.bias[0] == pytest.approx(0.1, abs=1e-4)
+
+
+@pytest.mark.slow
+def test_impacts_of_a_mission_are_those_of_its_phases() -> None:
+    mission = halves(BUMPERS_OF_MISSIONS, {}, {"level_db": -3.0})
+    found = damage(
+        mission, equipment=[60.0], levels=[50.0], rel_error=0.3, seed=1, test_duration=900.0
+    )
+    # the largest responses of its test are told with the error of the mission's
+    extremes, test = found.with_stops.extreme_response, found.test
+    assert test is not None and float(extremes.standard_error[0]) > 0.0
+    shown = format_with_error(
+        float(test.extreme_ratio[0]),
+        float(test.extreme_ratio[0] * extremes.standard_error[0] / extremes.value[0]),
+    )
+    assert f"their largest responses are {shown} to" in test.summary()
+    parts = [
+        damage(phase.of(mission), mission=1800.0, equipment=[60.0], levels=[50.0], rel_error=0.3,
+               seed=5 + number)
+        for number, phase in enumerate(mission.phases)
+    ]  # fmt: skip
+    assert found.impacts_per_hour is not None
+    rates = [each.impacts_per_hour for each in parts]
+    expected = 0.5 * sum(each.value for each in rates if each is not None)
+    error = math.hypot(
+        found.impacts_per_hour.standard_error,
+        *(0.5 * each.standard_error for each in rates if each is not None),
+    )
+    assert abs(found.impacts_per_hour.value - expected) < 4.5 * error
+    assert expected > 10.0 * error
+    assert found.shocks is not None and found.damage_ratio is not None
+    assert judges.columns_without_judge(found) == []
+
+
+def test_what_a_mission_may_not_be_asked() -> None:
+    with pytest.raises(ValueError, match="mission must be left out where the scene has phases"):
+        damage(halves(FREE_OF_MISSIONS), mission=60.0)
+    with pytest.raises(ValueError, match="mission must be a positive number of seconds, got None"):
+        damage(FREE_OF_MISSIONS)
+    for wrong in (0.0, -1.0, math.inf, math.nan):
+        with pytest.raises(ValueError, match="test_duration must be a positive number"):
+            damage(FREE_OF_MISSIONS, mission=60.0, test_duration=wrong)
+    for wrong in (1, 101):
+        with pytest.raises(ValueError, match=r"breakpoints must be in \[2, 100\]"):
+            damage(FREE_OF_MISSIONS, mission=60.0, test_duration=60.0, breakpoints=wrong)
+
+
+# The test of equal damage --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("breakpoints", [2, 4, 12, 100])
+def test_the_profile_does_the_damage_of_the_mission(breakpoints: int) -> None:
+    found = damage(
+        FREE_OF_MISSIONS, mission=14400.0, equipment=(5.0, 500.0), test_duration=3600.0,
+        breakpoints=breakpoints,
+    )  # fmt: skip
+    test = found.test
+    assert test is not None and 2 <= len(test.density) <= breakpoints
+    assert test.exaggeration == pytest.approx(4.0 ** (1.0 / 6.0))
+    # a quarter of the time asks for that factor in rms
+    shorter = test.equal_density.value / found.equivalent_density.value
+    assert np.sqrt(shorter) == pytest.approx(test.exaggeration, rel=2e-3)
+    # judged as any other noise of a base: a stiff mount moves with it
+    noise = TabulatedNoise(frequency_hz=test.frequency_hz, density=test.density, unit="m2/s3")
+    stiff = Scene(structure=Isolator(frequency_hz=2e4, zeta=0.7), excitations=[noise])
+    own = damage(stiff, mission=3600.0, equipment=found.equipment_frequency_hz)
+    ratio = own.with_stops.fatigue_damage.value / found.with_stops.fatigue_damage.value
+    assert ratio == pytest.approx(test.damage_ratio, rel=5e-3)
+    extremes = own.with_stops.extreme_response.value / found.with_stops.extreme_response.value
+    assert extremes == pytest.approx(test.extreme_ratio, rel=5e-3)
+    assert np.all(ratio > 0.995)
+    if breakpoints == 100:
+        # as many as there are: nothing is added, but where lower frequencies alone do more
+        assert np.all(ratio[found.equipment_frequency_hz < 50.0] < 1.005)
+
+
+def test_an_envelope_lies_on_a_density_that_is_straight() -> None:
+    f = np.geomspace(10.0, 1000.0, 50)
+    law = np.interp(np.log(f), np.log([10.0, 50.0, 400.0, 1000.0]), np.log([0.1, 1.0, 1.0, 0.05]))
+    straight = np.exp(law)
+    table = envelope(f, straight, 8)
+    assert table(f) == pytest.approx(straight, rel=0.02)
+    assert np.all(table(f) > straight * (1.0 - 1e-6))
+    # two points alone lie far above it
+    assert np.all(envelope(f, straight, 2)(f) > straight * (1.0 - 1e-6))
+    assert np.max(envelope(f, straight, 2)(f) / straight) > 3.0
+
+
+def test_an_envelope_is_nowhere_below_and_more_breakpoints_bring_it_closer() -> None:
+    random = np.random.default_rng(3)
+    f = np.geomspace(5.0, 2000.0, 60)
+    for _ in range(5):
+        density = np.exp(np.cumsum(random.normal(size=60)))
+        squares = []
+        for number in (3, 6, 12, 60):
+            table = envelope(f, density, number)
+            assert len(table.density) <= number
+            assert np.all(table(f) >= density * (1.0 - 1e-6))
+            squares.append(table.moment(0.0))
+        assert squares == sorted(squares, reverse=True)
+
+
+def test_the_command_writes_a_profile_that_a_scene_reads(stochvi: Run, tmp_path: Path) -> None:
+    (tmp_path / "mission.toml").write_text(
+        """
+        [structure]
+        kind = "isolator"
+        frequency_hz = 12.0
+        zeta = 0.1
+
+        [[excitation]]
+        kind = "psd"
+        profile = "mil-std-810h-truck-vertical-5hz"
+
+        [[phase]]
+        name = "road"
+        duration = "3h"
+
+        [[phase]]
+        name = "track"
+        duration = "10min"
+        level_db = 6
+        """
+    )
+    done = stochvi(
+        "damage", tmp_path / "mission.toml", "--equipment", "20:500", "--test-duration", "1h",
+        "--breakpoints", "6", "--out", tmp_path / "out", "--json", tmp_path / "found.json",
+    )  # fmt: skip
+    assert done.code == 0
+    assert "random test of 1 h with the damage of 3.167 h" in done.out
+    test = json.loads((tmp_path / "found.json").read_text())["test"]
+    (tmp_path / "table.toml").write_text(
+        """
+        [structure]
+        kind = "isolator"
+        frequency_hz = 12.0
+        zeta = 0.1
+
+        [[excitation]]
+        kind = "psd"
+        file = "out/profile.csv"
+        """
+    )
+    (noise,) = model_of(load_scene(tmp_path / "table.toml")).tables
+    assert noise[0].density == pytest.approx(test["density"], rel=1e-6)
+
+
+# ------------------------------------------------------------------------------
+# Equipment on the motion of a measured record itself, against general solvers.
+# ------------------------------------------------------------------------------
+
+
+FAST, W, ZETA = 500.0, 2.0 * math.pi * 8.0, 0.1
+EQUIPMENT_OF_RECORDS, Q = (15.0, 40.0, 90.0), 10.0
+
+
+def record(folder: Path) -> np.ndarray:
+    """Two seconds of noise with a pothole, written to a file."""
+    random = np.random.default_rng(7)
+    base = np.convolve(random.normal(size=1000), np.ones(6) / 6.0, "same") * 4.0
+    base[500:515] += 60.0 * np.sin(math.pi * np.arange(15) / 15.0)
+    base -= base.mean()
+    np.savetxt(folder / "road.txt", base)
+    return base
+
+
+def scene(folder: Path, *pairs: ImpactPair) -> Scene:
+    noise = RecordedNoise(file=str(folder / "road.txt"), unit="m/s2", fs=FAST)
+    mount = Isolator(frequency_hz=8.0, zeta=ZETA, mass=1.0)
+    return Scene(structure=mount, impact_pairs=pairs, excitations=[noise])
+
+
+def rung(acceleration: np.ndarray, step: float, impulses: list[tuple[float, float]]) -> Any:
+    """Absolute accelerations and pseudo-velocities of the equipment, on the samples, by `lsim` of
+    the acceleration and the free ringing after impulses (time, change of velocity)."""
+    time = step * np.arange(len(acceleration))
+    answers = []
+    for f in EQUIPMENT_OF_RECORDS:
+        w = 2.0 * math.pi * f
+        system = [[0.0, 1.0], [-(w**2), -w / Q]], [[0.0], [-1.0]], np.eye(2), np.zeros((2, 1))
+        _, state, _ = lsim(system, acceleration, time)
+        for at, change in impulses:
+            later = np.maximum(time - at, 0.0)
+            ringing = w * math.sqrt(1.0 - 0.25 / Q**2)
+            fall = -change * np.exp(-0.5 * w * later / Q) * (time >= at)
+            z = fall * np.sin(ringing * later) / ringing
+            rate = fall * (
+                np.cos(ringing * later) - 0.5 * w / Q * np.sin(ringing * later) / ringing
+            )
+            state = state + np.stack([z, rate], axis=1)
+        answers.append((-(w**2) * state[:, 0] - w / Q * state[:, 1], w * state[:, 0]))
+    return answers
+
+
+def flown(base: np.ndarray, gap: float, restitution: float) -> tuple[Any, Any, list[Any]]:
+    """Fine samples of the absolute acceleration of the mount, and its impacts, by `solve_ivp`."""
+    times = np.arange(len(base)) / FAST
+    step = 1.0 / (16.0 * FAST)
+    grid = step * np.arange(16 * (len(base) - 1) + 1)
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        return [y[1], -(W**2) * y[0] - 2.0 * ZETA * W * y[1] - np.interp(t, times, base)]
+
+    def met(t: float, y: np.ndarray) -> float:
+        return gap - abs(y[0])
+
+    met.terminal, met.direction = True, -1.0  # type: ignore[attr-defined]
+    now, state, impulses = 0.0, np.zeros(2), []
+    out = np.zeros((len(grid), 2))
+    while now < times[-1]:
+        found = solve_ivp(
+            rates, (now, times[-1]), state, events=met, rtol=1e-9, atol=1e-12, max_step=1.0 / FAST,
+            dense_output=True,
+        )  # fmt: skip
+        inside = (grid >= now) & (grid <= found.t[-1])
+        out[inside] = found.sol(grid[inside]).T
+        now, state = found.t[-1], found.y[:, -1].copy()
+        if found.status == 1:
+            impulses.append((now, -(1.0 + restitution) * state[1]))
+            state[1] *= -restitution
+            state[0] = math.copysign(gap * (1.0 - 1e-12), state[0])
+    return -(W**2) * out[:, 0] - 2.0 * ZETA * W * out[:, 1], step, impulses
+
+
+def test_without_stops_equipment_moves_as_by_a_general_solver(tmp_path: Path) -> None:
+    base = record(tmp_path)
+    found = damage(scene(tmp_path), equipment=EQUIPMENT_OF_RECORDS, q=Q, way="record")
+    acceleration, step, impulses = flown(base, math.inf, 0.0)
+    assert not impulses and found.way == "record" and found.impacts_per_hour is None
+    assert found.mission == pytest.approx((len(base) - 1) / FAST)
+    for k, (answer, _) in enumerate(rung(acceleration, step, [])):
+        spectra = found.with_stops
+        assert spectra.response_rms.value[k] == pytest.approx(np.std(answer), rel=0.02)
+        assert spectra.extreme_response.value[k] == pytest.approx(np.abs(answer).max(), rel=3e-3)
+    ten = damage(
+        scene(tmp_path), mission=20.0, equipment=EQUIPMENT_OF_RECORDS, q=Q, way="record"
+    ).with_stops
+    once = found.with_stops.fatigue_damage.value
+    assert ten.fatigue_damage.value == pytest.approx(once * 20.0 / found.mission)
+    assert ten.extreme_response.value == pytest.approx(found.with_stops.extreme_response.value)
+
+
+def test_impacts_on_rigid_stops_ring_the_equipment(tmp_path: Path) -> None:
+    base = record(tmp_path)
+    pair = ImpactPair(clearance=0.008, law=Restitution(coefficient=0.6))
+    found = damage(scene(tmp_path, pair), equipment=EQUIPMENT_OF_RECORDS, q=Q, way="record")
+    acceleration, step, impulses = flown(base, 0.008, 0.6)
+    assert found.impacts_per_hour is not None and found.shocks is not None
+    seconds = (len(base) - 1) / FAST
+    assert len(impulses) >= 2
+    assert found.impacts_per_hour.value == pytest.approx(len(impulses) * 3600.0 / seconds)
+    for k, (answer, _) in enumerate(rung(acceleration, step, impulses)):
+        largest = np.abs(answer).max()
+        assert found.with_stops.extreme_response.value[k] == pytest.approx(largest, rel=0.01)
+        assert found.shocks.worst[k] == pytest.approx(largest, rel=0.05)
+    # the impacts are most of it: without their impulses the response is far smaller
+    for k, (answer, _) in enumerate(rung(acceleration, step, [])):
+        if k:
+            assert np.abs(answer).max() < 0.8 * found.with_stops.extreme_response.value[k]
+    assert found.damage_ratio is not None and np.all(found.damage_ratio.value > 1.0)
+    lost = sum((change / 1.6) ** 2 * (1.0 - 0.36) / 2.0 for _, change in impulses)
+    assert found.impact_loss_per_hour is not None
+    assert found.impact_loss_per_hour.value == pytest.approx(lost * 3600.0 / seconds, rel=1e-4)
+
+
+def test_a_stiff_stop_shakes_slow_equipment_as_a_rigid_one(tmp_path: Path) -> None:
+    record(tmp_path)
+    rigid = ImpactPair(clearance=0.008, law=Restitution(coefficient=1.0))
+    stiff = ImpactPair(clearance=0.008, law=Elastic(stiffness=4e8))
+    soft = ImpactPair(clearance=0.008, law=Elastic(stiffness=4e3))
+    one, two, three = (
+        damage(
+            scene(tmp_path, each), equipment=(15.0, 40.0, 60.0), q=Q, way="record", levels=[50.0]
+        )
+        for each in (rigid, stiff, soft)
+    )
+    largest = [each.with_stops.extreme_response.value for each in (one, two, three)]
+    assert largest[1] == pytest.approx(largest[0], rel=0.05)
+    assert not np.allclose(largest[2], largest[0], rtol=0.1)
+    assert two.contacts_above["50"].value > 0.0 and not one.contacts_above
+
+
+def test_a_place_of_a_structure_under_a_recorded_force_and_its_tailored_test(
+    tmp_path: Path,
+) -> None:
+    force = record(tmp_path)
+    mass, damping, stiffness = np.diag([2.0, 0.5]), np.zeros((2, 2)), np.zeros((2, 2))
+    damping[:] = [[8.0, -2.0], [-2.0, 2.0]]
+    stiffness[:] = [[6000.0, -2000.0], [-2000.0, 2000.0]]
+    noise = RecordedNoise(file=str(tmp_path / "road.txt"), unit="N", fs=FAST, on="frame")
+    two = Scene(
+        structure=Matrices(
+            coordinates=("frame", "part"), mass=mass.tolist(), damping=damping.tolist(),
+            stiffness=stiffness.tolist(),
+        ),
+        excitations=[noise],
+    )  # fmt: skip
+    found = damage(
+        two, equipment=EQUIPMENT_OF_RECORDS, q=Q, at="part", way="record", test_duration=10.0
+    )
+    step = 1.0 / (16.0 * FAST)
+    grid = step * np.arange(16 * (len(force) - 1) + 1)
+    fine = np.interp(grid, np.arange(len(force)) / FAST, force)
+    inverse = np.linalg.inv(mass)
+    moves = np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ stiffness, -inverse @ damping]])
+    pushes = np.concatenate([np.zeros(2), inverse[:, 0]])[:, None]
+    part = np.array([moves[3]])
+    _, acceleration, _ = lsim((moves, pushes, part, np.zeros((1, 1))), fine, grid)
+    for k, (answer, _) in enumerate(rung(acceleration, step, [])):
+        largest = found.with_stops.extreme_response.value[k]
+        assert largest == pytest.approx(np.abs(answer).max(), rel=3e-3)
+    assert found.test is not None and np.all(found.test.damage_ratio > 0.99)
+
+
+def test_a_scene_without_a_record_is_refused(tmp_path: Path) -> None:
+    record(tmp_path)
+    truck = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
+    with pytest.raises(NotApplicable, match="must hold a measured record"):
+        damage(scene(tmp_path).replace(excitations=[truck]), mission=60.0, way="record")
+    with pytest.raises(ValueError, match="mission must be a positive number of seconds"):
+        damage(scene(tmp_path), mission=0.0, way="record")

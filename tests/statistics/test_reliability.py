@@ -1,43 +1,69 @@
 """reliability: the way that a pilot chooses, what it answers, and what it refuses."""
 
+from __future__ import annotations
+
+import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.stats import beta
 
 from stochvi import (
     Elastic,
     FilteredNoise,
     ImpactPair,
+    Isolator,
     Matrices,
     NotApplicable,
     NotConverged,
     Oscillator,
     Restitution,
     Scene,
+    SceneError,
     Sine,
+    TabulatedNoise,
+    Viscoelastic,
     WhiteNoise,
     exact,
+    impacts,
+    load_scene,
     reliability,
+    screen,
+    simulate,
 )
 from stochvi.isolators.sizing.answer import spoken_percent
+from stochvi.results.base import Result
 from stochvi.results.deadline import NEVER, Deadline
-from stochvi.results.estimates import Estimate
-from stochvi.results.intervals import logarithmic_interval
-from stochvi.sampling.options import DEFAULTS
+from stochvi.results.estimates import Cost, Estimate, logarithmic_interval
+from stochvi.sampling.calculations import DEFAULTS
 from stochvi.sampling.run import Run as SampledRun
 from stochvi.scenes.datasets import shipped_scene
-from stochvi.statistics.bursts import bursts
-from stochvi.statistics.reliability import conditioning
+from stochvi.scenes.impact_laws import Law
+from stochvi.statistics.clusters import bursts
+from stochvi.statistics.rare_hits import AfterCrossings, ImpactTrials, Windows, kinds_of, rare_hits
+from stochvi.statistics.reliability import choice
 from stochvi.statistics.reliability.choice import Jobs
+from stochvi.statistics.reliability.missions import (
+    NEGLIGIBLE,
+    Chance,
+    Reliability,
+    _together,
+    joint_chance,
+)
+from stochvi.statistics.trial_splitting import Levels, moved, pilot, repetition
 from stochvi.testing import assert_agrees
 from stochvi.views.files import to_json
-from stochvi.views.statistics_tables import chance_in_words
+from stochvi.views.statistics import chance_in_words
+from support.accuracies import rel_errors
 from support.commands import Run, one_document
 from support.known import DOCUMENT, P_AT_3, RARE, TEN_PERIODS, oscillator, to_toml
+from support.pairs import pair, uncoupled
 from support.runs import run_of
 
 FREE, BOX, FAR = oscillator(), oscillator(-1.0, 1.0), oscillator(-4.5, 4.5)
@@ -362,11 +388,462 @@ def test_the_time_that_expected_impacts_leave_is_for_the_limits(
 
         return calculate
 
-    monkeypatch.setattr(conditioning, "first_hit", taking("hit", 0.0))
-    monkeypatch.setattr(conditioning, "_hits", taking("impacts", 3.0))
-    monkeypatch.setattr(conditioning, "exceedance", taking("limit", 10.0))
+    monkeypatch.setattr(choice, "first_hit", taking("hit", 0.0))
+    monkeypatch.setattr(choice, "_hits", taking("impacts", 3.0))
+    monkeypatch.setattr(choice, "exceedance", taking("limit", 10.0))
     limits = {"impact_speed": 1.0, "peak_acceleration": 9.0}
     with run_of(rel_error=0.1, seed=1) as run:
         jobs = Jobs(run=run, confidence=0.95, deadline=Deadline.after(60.0))
-        conditioning.by_conditioning(BOX, (-1.0, 1.0), limits, 10.0, jobs)
+        choice.by_conditioning(BOX, (-1.0, 1.0), limits, 10.0, jobs)
     assert asked[1:] == [("impacts", 20.0), ("limit", 28.5), ("limit", 47.0)]
+
+
+# ------------------------------------------------------------------------------
+# Probabilities of rare impacts by splitting of Gaussian records, against counting and each
+# other.
+# ------------------------------------------------------------------------------
+
+
+NATURAL = 24.0 * math.pi
+RUBBER = Viscoelastic(stiffness=100.0 * NATURAL**2, damping_ratio=0.2)
+
+
+def truck(lower: float, upper: float, law: Law, upper_law: Law | None = None) -> Scene:
+    """A 12 Hz mount on a truck, stops at so many standard deviations."""
+    mount = Isolator(mass=1.0, damping=0.2 * NATURAL, stiffness=NATURAL**2)
+    noise = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
+    scene = Scene(structure=mount, excitations=[noise])
+    std = screen(scene).displacement_std
+    pair = ImpactPair(
+        lower=-lower * std, upper=upper * std, lower_law=law, upper_law=upper_law or law
+    )
+    return scene.model_copy(update={"impact_pairs": (pair,)})
+
+
+def estimate(kind: ImpactTrials, rows: np.ndarray, mission: float) -> Estimate:
+    """The probability in a mission that repetitions show, with the error of their scatter."""
+    count, mean = len(rows), rows.mean(axis=0)
+    left_out = ((rows.sum(axis=0) - rows) / (count - 1)).T
+    risks = kind.risk(left_out[0], left_out[2], left_out[3], mission)
+    value = float(kind.risk(mean[0], mean[2], mean[3], mission))
+    bias = value * kind.bias(float(mean[3]), mission)
+    error = math.sqrt((count - 1) * float(np.var(risks)))
+    return Estimate(value=value, standard_error=error, bias=bias)
+
+
+def by_splitting(
+    kind: ImpactTrials, limit: float, mission: float, count: int
+) -> tuple[Levels, Estimate]:
+    levels = pilot(kind, limit, NEVER)
+    rows = np.array([repetition(kind, levels, i, NEVER) for i in range(count)])
+    return levels, estimate(kind, rows, mission)
+
+
+def difference(first: Estimate, second: Estimate, factor: float = 1.0) -> Estimate:
+    return Estimate(
+        value=first.value - factor * second.value,
+        standard_error=math.hypot(first.standard_error, factor * second.standard_error),
+        bias=(first.bias or 0.0) + factor * (second.bias or 0.0),
+    )
+
+
+@pytest.mark.slow
+@rel_errors(0.5, 0.15)
+def test_splitting_agrees_with_counting_and_bursts_with_the_whole_motion(rel_error: float) -> None:
+    """Stops at two distances with two laws, so that one side cannot stand for the other."""
+    scene = truck(3.8, 4.2, Elastic(stiffness=3.0 * NATURAL**2), RUBBER)
+    limit, mission, count = 100.0, 30.0, math.ceil(2.0 / rel_error**2)
+    bursts, windows = kinds_of(scene, "peak_acceleration", mission, rel_error, 2, None)
+    assert bursts.rare()
+    _, split = by_splitting(bursts, limit, mission, count)
+    levels, whole = by_splitting(windows, limit, mission, count)
+    assert len(levels.levels) > 2
+    at_once = Levels((limit,), (), True)
+    rows = np.array([repetition(windows, at_once, i, NEVER) for i in range(3 * count)])
+    counted = estimate(windows, rows, mission)
+    for one, other in ((split, whole), (split, counted), (whole, counted)):
+        assert_agrees(difference(one, other), 0.0)
+    with pytest.raises(AssertionError):
+        assert_agrees(difference(whole, split, 3.0), 0.0)
+
+
+def test_moves_leave_the_law_of_the_records_as_it_is() -> None:
+    bursts, _ = kinds_of(truck(4.0, 4.0, RUBBER), "impact_speed", 60.0, 0.05, 1, None)
+    random = np.random.default_rng(3)
+    trials = bursts.fresh(0)
+    fresh = bursts.fresh(1).records
+    for draw in range(2, 4):
+        trials, kept = moved(bursts, trials, -math.inf, 0.7, draw, random)
+    assert kept > 0.5  # minus infinity itself is not above the level
+    middle = trials.records.shape[1] // 2
+
+    def variance(records: np.ndarray) -> Estimate:
+        squares = (records[:, middle, 0] / bursts.paths.motion.displacement_std[0]) ** 2
+        error = float(squares.std(ddof=1)) / math.sqrt(len(squares))
+        return Estimate(value=float(squares.mean()), standard_error=error)
+
+    assert_agrees(variance(trials.records), 1.0)
+    with pytest.raises(AssertionError):
+        assert_agrees(variance(trials.records + fresh), 1.0)
+
+
+@pytest.mark.verify
+def test_a_seed_gives_the_same_digits_on_any_threads() -> None:
+    scene = truck(4.0, 4.0, RUBBER)
+    one, two = (
+        rare_hits(scene, "impact_speed", 0.35, mission=600.0, rel_error=0.5, threads=n, budget=None)
+        for n in (1, 2)
+    )
+    assert one.chance == two.chance and isinstance(one.kind, AfterCrossings)
+    assert one.lower < one.chance.value < one.upper
+
+
+@pytest.mark.slow
+def test_where_hits_hardly_pause_the_whole_motion_is_looked_at() -> None:
+    scene = truck(1.5, 1.5, Restitution(coefficient=0.6))
+    found = rare_hits(scene, "impact_speed", 0.45, mission=60.0, rel_error=0.5, threads=1)
+    assert isinstance(found.kind, Windows)
+    assert 0.0 < found.lower < found.chance.value < found.upper <= 1.0
+
+
+def test_a_chance_is_as_uncertain_as_its_rate_makes_it() -> None:
+    """1 - exp(-rate T): the error follows the scatter of the repetitions to first order."""
+    kind, _ = kinds_of(truck(4.5, 4.5, RUBBER), "impact_speed", 600.0, 0.5, 1, None)
+    shares = np.linspace(0.9, 1.1, 16) * 0.7 / (kind.rate * 600.0)
+    rows = np.array([[share, share, 0.0, 0.5] for share in shares])
+    found = estimate(kind, rows, 600.0)
+    rate = kind.rate * shares / (1.0 + 0.5 * kind.rate * (kind.window - kind.records.horizon))
+    error = float(rate.std(ddof=1)) / math.sqrt(len(rate)) * 600.0
+    assert found.value == pytest.approx(-math.expm1(-600.0 * float(rate.mean())), rel=1e-9)
+    assert found.standard_error == pytest.approx(error * (1.0 - found.value), rel=1e-3)
+
+
+def test_accelerations_of_rigid_stops_are_refused() -> None:
+    scene = truck(4.0, 4.0, Restitution(coefficient=0.6))
+    with pytest.raises(NotApplicable, match="a restitution alone does not give a force"):
+        rare_hits(scene, "peak_acceleration", 100.0, mission=60.0)
+
+
+FAST_AND_RARE = uncoupled(pair("x", "x", 4.2), pair("z", "z", 5.0))
+"""Of two pairs that know nothing of each other one is hit twenty times as often, and the other one
+at twice the speed."""
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("rel_error", [0.1])
+def test_of_two_pairs_the_one_that_is_hit_seldom_and_hard_is_found(rel_error: float) -> None:
+    """Beyond a limit that the often hit pair hardly reaches, the risk is that of the other one
+    alone, which is one oscillator."""
+    mission, limit = 1e4, 5.0
+    rare = FAST_AND_RARE.replace(impact_pairs=FAST_AND_RARE.impact_pairs[1:])
+    together, alone = (
+        rare_hits(
+            scene, "impact_speed", limit, mission=mission, rel_error=error, seed=seed, budget=None
+        )
+        for scene, error, seed in ((FAST_AND_RARE, rel_error, 3), (rare, 0.5 * rel_error, 4))
+    )
+    assert isinstance(together.kind, AfterCrossings)
+    sides = together.kind.sides
+    assert sides[0] > 10.0 * sides[-1]  # hardly a trial begins with the pair that decides
+    assert_agrees(difference(together.chance, alone.chance), 0.0)
+    with pytest.raises(AssertionError):
+        assert_agrees(difference(together.chance, alone.chance, 4.0), 0.0)
+
+
+def test_an_acceleration_counts_where_it_is_asked_for() -> None:
+    """The score of all outputs is the larger one of those of either, now of one, now the other."""
+    near = uncoupled(pair("x", "x", 1.0), pair("z", "z", 0.3))
+    soft = [each.replace(law=Elastic(stiffness=20.0)) for each in near.impact_pairs]
+    scene = near.replace(impact_pairs=soft, excitations=[near.excitations[0].replace(on="base")])
+
+    def scores(*outputs: str) -> np.ndarray:
+        kinds = kinds_of(scene, "peak_acceleration", 1e3, 0.5, 1, None, outputs or None)
+        found = kinds[1].drawn(0).score
+        return found[found > 0.0]
+
+    both, x, z = scores(), scores("x"), scores("z")
+    assert np.array_equal(both, np.maximum(x, z))
+    assert np.any(x < z) and np.any(z < x)
+
+
+# ------------------------------------------------------------------------------
+# Missions of several phases: their scenes, and their joint risk.
+# ------------------------------------------------------------------------------
+
+
+PROFILE = "mil-std-810h-truck-vertical-5hz"
+
+
+def mission(phases: list[dict[str, Any]], clearance: float = 0.0135) -> Scene:
+    return Scene(
+        structure=Isolator(frequency_hz=12.0, zeta=0.1),
+        impact_pairs=[ImpactPair(clearance=clearance, law=Restitution(coefficient=0.7))],
+        excitations=[{"kind": "psd", "profile": PROFILE}],
+        phase=phases,
+    )
+
+
+ROAD = {"name": "road", "duration": 7200.0}
+ROUGH = {"name": "rough", "duration": "10 min", "level_db": 2.0}
+COLD = {"name": "cold", "duration": 600.0, "level_db": 2.0, "stiffness_factor": 0.9}
+
+
+def test_the_risk_of_a_mission_is_that_of_its_phases_together() -> None:
+    scene = mission([ROAD, ROUGH, COLD])
+    found = reliability(scene, rel_error=0.2, seed=4)
+    assert list(found.phases) == ["road", "rough", "cold"] and found.mission == 8400.0
+    alone = [
+        reliability(scene.in_phase(each.name), mission=each.duration, rel_error=0.2, seed=4 + k)
+        for k, each in enumerate(scene.phases)
+    ]
+    survived = math.prod(1.0 - each.chances["hit"].estimate.value for each in alone)
+    assert found.chances["hit"].estimate.value == pytest.approx(1.0 - survived, rel=1e-12)
+    assert found.hits is not None
+    assert found.hits.value == pytest.approx(sum(float(each.hits or 0) for each in alone), rel=1e-9)
+    assert found.chances["hit"].why.startswith("phase cold has ")
+
+
+def test_impacts_that_were_not_seen_in_a_phase_do_not_count_as_none() -> None:
+    """A phase is hit in one mission of three, but no impact was simulated in it: the mean of the
+    mission is at least a third, or it is not told."""
+    scene = mission([ROAD, ROUGH])
+    one = reliability(scene.in_phase("rough"), mission=600.0, rel_error=0.5, seed=1)
+    run = SimpleNamespace(cost=lambda **_: Cost(wall_time=0.0), seed=0)
+
+    def together(limit: float) -> tuple[Reliability, dict[str, str]]:
+        hit = one.chances["hit"]
+        likely = replace(hit, estimate=Estimate(value=0.3), lower=0.3, upper=0.3)
+        unseen = Estimate(value=0.0, bias=None, upper_95=limit)
+        seen = Estimate(value=0.03, standard_error=0.001, bias=0.0)
+        phases = {
+            "road": replace(one, chances={"hit": likely}, hits=unseen, hits_interval=(0.0, limit)),
+            "rough": replace(one, hits=seen, hits_interval=(0.028, 0.032)),
+        }
+        missing: dict[str, str] = {}
+        return _together(scene, phases, missing, {}, run), missing
+
+    found, missing = together(5.0)
+    assert found.hits is None and found.hits_interval is None
+    assert missing == {"road, expected_hits": "no impact was seen; raise budget"}
+    # few impacts that were not seen are a bias
+    found, missing = together(0.002)
+    assert found.hits is not None and not missing
+    assert found.hits.value == 0.03 and found.hits.bias == pytest.approx(0.002)
+    assert found.hits_interval is not None and found.hits_interval[1] > 0.0325
+
+
+def test_two_halves_are_one_mission() -> None:
+    whole = reliability(mission([]), mission=7200.0, rel_error=0.05, seed=1).chances["hit"]
+    half = {"duration": 3600.0}
+    halves = reliability(
+        mission([half | {"name": "first"}, half | {"name": "second"}]), rel_error=0.05, seed=2
+    ).chances["hit"]
+    one, other = whole.estimate, halves.estimate
+    assert abs(one.value - other.value) < math.hypot(one.reach(4.5), other.reach(4.5))
+    # a mission of one half is told apart
+    first = halves.estimate.value / 2.0
+    assert abs(one.value - first) > math.hypot(one.reach(4.5), other.reach(4.5) / 2.0)
+
+
+def test_a_phase_without_hits_is_bounded_and_not_simulated() -> None:
+    quiet = {"name": "air", "duration": 3600.0, "level_db": -3.0}
+    found = reliability(mission([ROUGH, quiet]), impact_speed=0.1, rel_error=0.3, seed=1)
+    hit = found.phases["air"].chances["hit"]
+    assert hit.estimate.value == 0.0 and hit.way == "Rice"
+    known = reliability(mission([]).at_level(-3.0), mission=3600.0, rel_error=0.3, seed=1)
+    seen = known.chances["hit"].estimate
+    assert 0.3 * hit.upper < seen.value < hit.upper + seen.reach(4.5)
+    assert hit.upper < NEGLIGIBLE
+    assert found.chances["impact_speed"].estimate.value > 0.0
+    assert any("phase air are not counted" in each for each in found.assumptions)
+    document = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert document["phases"]["air"]["chances"]["hit"]["estimate"]["value"] == 0.0
+
+
+def test_intervals_hold_the_joint_probability_as_often_as_they_say() -> None:
+    """Binomial phases with intervals of Clopper and Pearson, which hold a little more often."""
+    random, trials, truth, inside = np.random.default_rng(5), 400, (0.02, 0.1, 0.005), 0
+    joint, repetitions = 1.0 - math.prod(1.0 - p for p in truth), 2000
+    narrow = 0
+    for _ in range(repetitions):
+        chances = {}
+        for name, p in zip("abc", truth, strict=True):
+            k = int(random.binomial(trials, p))
+            low = float(beta.ppf(0.025, k, trials - k + 1)) if k else 0.0
+            high = float(beta.ppf(0.975, k + 1, trials - k))
+            seen = Estimate(value=k / trials, standard_error=math.sqrt(k) / trials, bias=0.0)
+            chances[name] = Chance(
+                event="hit", limit=None, estimate=seen, lower=low, upper=high, confidence=0.95,
+                rule="", way="", why="",
+            )  # fmt: skip
+        found = joint_chance(chances)
+        inside += found.lower < joint < found.upper
+        half = 0.5 * (found.upper - found.lower)
+        narrow += abs(found.estimate.value - joint) < 0.5 * half
+    error = math.sqrt(0.95 * 0.05 / repetitions)
+    assert inside / repetitions > 0.95 - 4.5 * error
+    assert inside / repetitions < 0.985
+    assert narrow / repetitions < 0.95 - 4.5 * error  # half as wide would not
+
+
+def test_a_warm_mount_is_softer_and_a_phase_has_its_own_noise() -> None:
+    scene = mission(
+        [
+            ROAD | {"stiffness_factor": 1.44, "damping_factor": 1.2},
+            {"name": "test", "duration": 60.0, "profile": "navmat-p-9492", "level_db": 3.0},
+            {"name": "bench", "duration": 60.0, "excitation": [{"kind": "white", "density": 1e-3,
+             "unit": "g2/Hz"}]},
+        ]
+    )  # fmt: skip
+    warm = scene.in_phase("road").structure
+    assert isinstance(warm, Isolator)
+    assert warm.frequency_hz == pytest.approx(12.0 * 1.2)
+    assert warm.zeta == pytest.approx(0.1)  # c = 2 zeta omega m
+    tables = [each.in_phase("test").excitations[0].table for each in (scene, scene)]  # type: ignore[union-attr]
+    plain = mission([]).replace(excitations=[{"kind": "psd", "profile": "navmat-p-9492"}])
+    assert tables[0](100.0) == pytest.approx(10.0**0.3 * plain.excitations[0].table(100.0))  # type: ignore[union-attr]
+    assert isinstance(scene.in_phase("bench").excitations[0], WhiteNoise)
+    assert Scene.model_validate(json.loads(json.dumps(scene.document()))) == scene
+
+
+def test_a_file_names_a_phase(tmp_path: Path) -> None:
+    file = tmp_path / "scene.toml"
+    file.write_text(
+        '[structure]\nkind = "isolator"\nfrequency_hz = 12.0\nzeta = 0.1\n'
+        '[[impact_pair]]\nclearance = 0.01\nlaw = { kind = "restitution", coefficient = 0.7 }\n'
+        f'[[phase]]\nname = "road"\nduration = "2 h"\nprofile = "{PROFILE}"\n'
+        '[[phase]]\nname = "own"\nduration = 60\n'
+        '[[phase.excitation]]\nkind = "psd"\nfile = "own.csv"\nunit = "g2/Hz"\n',
+        encoding="utf-8",
+    )
+    (tmp_path / "own.csv").write_text("5, 0.01\n500, 0.01\n", encoding="utf-8")
+    scene = load_scene(file)
+    assert scene.phases[0].duration == 7200.0 and not scene.excitations
+    assert load_scene(f"{file}#own") == scene.in_phase("own")
+    with pytest.raises(ValueError, match="phase must be one of road, own, got 'air'"):
+        load_scene(f"{file}#air")
+    with pytest.raises(SceneError, match=r"got 2 \(road, own\)"):
+        simulate(scene, rel_error=0.1)
+
+
+@pytest.mark.parametrize(
+    ("phases", "words"),
+    [
+        ([ROAD, ROAD], "phase.1 needs a name of its own"),
+        ([ROAD | {"duration": "2 m"}], "duration"),
+        ([ROAD | {"axis": "z"}], "without a profile"),
+        ([ROAD | {"profile": "moon"}], "moon"),
+        ([ROAD | {"excitation": [{"kind": "white"}]}], "phase.0.excitation.0 needs exactly one"),
+        ([ROAD | {"stiffness_factor": -1.0}], "phase.0.stiffness_factor"),
+    ],
+)
+def test_what_is_no_phase_is_refused(phases: list[dict[str, Any]], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        mission(phases)
+
+
+def test_a_spring_that_is_a_function_has_no_factor_of_stiffness() -> None:
+    mount = {"kind": "isolator", "mass": 1.0, "frequency_hz": 12.0, "zeta": 0.1}
+    duffing = mount | {"spring": {"kind": "duffing", "cubic_stiffness": 1e6}}
+    for structure in (mount, duffing):
+        keys = {"structure": structure, "phase": [ROAD | {"stiffness_factor": 1.2}],
+                "excitation": [{"kind": "psd", "profile": PROFILE}]}  # fmt: skip
+        if structure is mount:
+            assert Scene(**keys).in_phase("road").structure != Scene(**keys).structure
+            continue
+        with pytest.raises(SceneError, match=r"phase.0.structure must have linear springs"):
+            Scene(**keys)
+
+
+def test_a_mission_is_given_once() -> None:
+    with pytest.raises(ValueError, match=r"mission must be left out .* of 7200 s together"):
+        reliability(mission([ROAD]), mission=60.0)
+    with pytest.raises(ValueError, match="mission must be given"):
+        reliability(mission([]))
+
+
+# ------------------------------------------------------------------------------
+# Where no impact was seen an answer states an upper limit, never 0 with an error of 0.
+# ------------------------------------------------------------------------------
+
+
+def far(law: Any, clearance: float) -> Scene:
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=0.5, stiffness=1.0),
+        impact_pairs=[ImpactPair(lower=-clearance, upper=clearance, law=law)],
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+
+
+def certain_zeros(document: Any, place: str = "") -> Iterator[str]:
+    """Places of estimates that say 0 +- 0 of what was sampled."""
+    if isinstance(document, dict):
+        if {"value", "standard_error"} <= set(document):
+            seen = document["value"] != 0.0 or document["standard_error"] != 0.0
+            if not seen and document.get("upper_95") is None:
+                yield place
+            return
+        for key, each in document.items():
+            yield from certain_zeros(each, f"{place}.{key}")
+
+
+def of_missions(scene: Scene) -> Result:
+    with pytest.raises(NotConverged) as found:
+        reliability(scene, mission=50.0, budget=2.0)
+    assert found.value.partial is not None
+    return found.value.partial
+
+
+ASKED: dict[str, Callable[[Scene], Result]] = {
+    "simulate": lambda scene: simulate(scene, paths=128, duration=100.0),
+    "impacts": lambda scene: impacts(scene, paths=128, duration=100.0),
+    "reliability": of_missions,
+}
+LAWS = {
+    "rigid": Restitution(coefficient=0.5),
+    "giving way": Viscoelastic(stiffness=100.0, damping_ratio=0.2),
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("name", ASKED)
+def test_no_answer_is_certain_of_what_it_did_not_see(name: str, law: str) -> None:
+    assert list(certain_zeros(ASKED[name](far(LAWS[law], 12.0)).to_dict())) == []
+
+
+def test_limits_of_the_sums_of_speeds_hold() -> None:
+    """Four paths that see nothing of 1.1 expected impacts."""
+    scene = far(Restitution(coefficient=1.0), 1.75)
+    known = exact(scene).impact_pairs["stops"]
+    found = simulate(scene, paths=4, duration=0.28 / known.collision_rate.value, seed=3)
+    stops = found.impact_pairs["stops"]
+    assert stops.collision_rate.value == 0.0
+    for name in ("collision_rate", "impact_speed_rate", "impact_speed_square_rate"):
+        limit, truth = stops[name].upper_95, known[name].value
+        assert limit is not None and truth < limit < 50.0 * truth
+
+
+def test_damage_without_an_impact_names_no_ratio(stochvi: Run, tmp_path: Path) -> None:
+    """What was not seen is not in the damage: no sentence compares it; the exit code is 1."""
+    file = tmp_path / "far.toml"
+    file.write_text(
+        """
+        [structure]
+        kind = "isolator"
+        frequency_hz = 12.0
+        zeta = 0.1
+        mass = 1.0
+        [[impact_pair]]
+        clearance = 0.1
+        law = { kind = "viscoelastic", stiffness = 2e5, damping_ratio = 0.11 }
+        [[excitation]]
+        kind = "psd"
+        profile = "mil-std-810h-truck-vertical-5hz"
+        """
+    )
+    asked = ("--mission", "60", "--equipment", "40:80:2", "--rel-error", "0.5")
+    ended = stochvi("damage", file, *asked, "--way", "simulation", "--out", tmp_path / "out")
+    assert ended.code == 1 and "no impact was seen" in ended.err and "ask reliability" in ended.err
+    assert "No artists" not in ended.err
+    assert "multiply the damage" not in ended.out and "impacts bring" not in ended.out
+    assert "impacts at most" in ended.out and "times the damage" not in ended.out

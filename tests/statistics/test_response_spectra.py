@@ -13,19 +13,26 @@ from scipy.signal import csd, welch
 from stochvi.mathematics.spectra import squared_gain
 from stochvi.methods.closed_form import autocorrelation, exact
 from stochvi.methods.linearisation import linearise
-from stochvi.methods.monte_carlo.history_plans import plan_histories
+from stochvi.methods.monte_carlo.choose_plan import plan_histories
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotConverged
-from stochvi.results.intervals import CONFIDENCE
+from stochvi.results.estimates import CONFIDENCE
 from stochvi.sampling import run as sampling_run
-from stochvi.sampling.blocks import blocks_of
+from stochvi.sampling.calculations import blocks_of
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Hertz, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Matrices, Oscillator
-from stochvi.statistics.spectra import Curve, method, spectrum
-from stochvi.statistics.spectra.quantities import _cross, channels_of, quantities_of
-from stochvi.statistics.spectra.segments import layout_of, products
+from stochvi.statistics import spectra
+from stochvi.statistics.spectra import (
+    Curve,
+    _cross,
+    channels_of,
+    layout_of,
+    products,
+    quantities_of,
+    spectrum,
+)
 from support.accuracies import quick_cases
 
 B, S0 = 0.2, 0.4
@@ -428,7 +435,7 @@ def test_time_that_runs_out_before_a_block_of_a_later_round_keeps_the_rounds_bef
     monkeypatch.setattr("stochvi.results.deadline.time", SimpleNamespace(time=lambda: now[0]))
     with pytest.raises(NotConverged, match="raise budget") as short:
         spectrum(FREE, rel_error=1e-3, threads=1)
-    assert len(rounds) == 2 and short.value.partial.cost.paths == method.FEWEST_PATHS
+    assert len(rounds) == 2 and short.value.partial.cost.paths == spectra.FEWEST_PATHS
 
 
 def test_a_record_that_ends_before_it_was_promised_to_is_refused() -> None:

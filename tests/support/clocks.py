@@ -16,6 +16,8 @@ class Ticking:
     Threads that watch a deadline look at it by the true clock, and do not count.
     """
 
+    monotonic = staticmethod(time.monotonic)
+
     def __init__(self, seconds: float) -> None:
         self.now, self.seconds = time.time(), seconds
 

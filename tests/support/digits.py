@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from stochvi import Restitution, Viscoelastic, load_scene
-from stochvi.engine.alone import make_workspace
-from stochvi.engine.compiled_laws import functions_of, stops_of
-from stochvi.engine.pushes import responses_of
+from stochvi.engine.calls import functions_of, stops_of
+from stochvi.engine.contacts import make_workspace
+from stochvi.engine.sub_steps import responses_of
 from stochvi.engine.together import Ends, Scene, finish_together
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.model.model import model_of

@@ -10,8 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from stochvi.results.quantity_units import QUANTITY_UNITS
-from stochvi.results.response import Response
+from stochvi.results.base import QUANTITY_UNITS, Response
 from stochvi.scenes.datasets import data_folder
 from stochvi.scenes.excitations import ConstantLoad, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from stochvi.results.base import Response
 from stochvi.results.estimates import Estimate
-from stochvi.results.response import Response
 from stochvi.scenes.excitations import ConstantLoad, Excitation, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene

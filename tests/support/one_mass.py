@@ -8,11 +8,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.engine.impact_log import NO_LOG, page_of
-from stochvi.engine.mass_flows import Chord, Rotation
-from stochvi.engine.one_mass import MassStops, finish_step
-from stochvi.engine.sums import FOUND, ROWS_OF_CONTACT_PAIR, ROWS_OF_PAIR, ROWS_OF_STOP
-from stochvi.methods.monte_carlo.mass_stops import StopsOfMass
+from stochvi.engine.arithmetic import (
+    FOUND,
+    NO_LOG,
+    ROWS_OF_CONTACT_PAIR,
+    ROWS_OF_PAIR,
+    ROWS_OF_STOP,
+    page_of,
+)
+from stochvi.engine.one_mass import Chord, MassStops, Rotation, finish_step
+from stochvi.methods.monte_carlo.white import StopsOfMass
 from stochvi.scenes.impact_laws import Law
 
 

@@ -8,9 +8,14 @@ import numpy as np
 import pandas as pd
 
 from stochvi import ImpactPair, Isolator, Scene, TabulatedNoise, screen, simulate
-from stochvi.isolators.moved_stops import at_clearances
-from stochvi.isolators.sizing.answer import Clearance, Sizing, Target, ThreeSigma
-from stochvi.isolators.sizing.chance_at_stops import distances_of_stops
+from stochvi.isolators.screening import at_clearances
+from stochvi.isolators.sizing.answer import (
+    Clearance,
+    Sizing,
+    Target,
+    ThreeSigma,
+    distances_of_stops,
+)
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.scenes.excitations import Excitation
 from stochvi.scenes.impact_laws import Law, Viscoelastic

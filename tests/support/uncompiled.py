@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.compliant_white import plan_compliant
+from stochvi.methods.monte_carlo.white import plan_compliant
 from stochvi.model.model import model_of
 from support import CHECKOUT
 from support.known import oscillator

@@ -31,16 +31,16 @@ from stochvi import (
 from stochvi import replay as replayed
 from stochvi.isolators import MissionSizing
 from stochvi.isolators.record_verdict import RecordVerdict, record_verdict
-from stochvi.isolators.scene_at_rest import scene_at_rest
-from stochvi.isolators.sizing import hits_at_place, shared_risk
-from stochvi.isolators.sizing.answer import Clearance, ClearanceAnswer, Sizing, Target
-from stochvi.isolators.sizing.changes import Tolerances
-from stochvi.isolators.sizing.damage_answer import DamageSizing
+from stochvi.isolators.screening import scene_at_rest
+from stochvi.isolators.sizing import pairs as pairs_module
+from stochvi.isolators.sizing import search
+from stochvi.isolators.sizing.answer import Clearance, ClearanceAnswer, DamageSizing, Sizing, Target
 from stochvi.isolators.sizing.review import PeakSettings, ReviewSettings, review
+from stochvi.isolators.tolerances import Tolerances
 from stochvi.results.estimates import Cost, Estimate
-from stochvi.results.origin import origin_of
+from stochvi.results.files import origin_of
 from stochvi.scenes.datasets import shipped_scene
-from stochvi.views.report import clearances, environment, missions, pairs, sizing
+from stochvi.views.report import missions, pages, sizing
 from stochvi.views.report.pages import Page, Picture
 from support.pairs import pair, uncoupled
 from support.sized import scene_between_stops, sizing_of
@@ -140,13 +140,11 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> Drawn:
             draw()
         return Picture(uri="", caption=caption)
 
-    for module in (clearances, environment, missions, pairs, sizing, "stops", "changes"):
-        place = module if not isinstance(module, str) else f"stochvi.views.report.{module}"
-        name = place if isinstance(place, str) else place.__name__
-        monkeypatch.setattr(f"{name}.shown", shown)
-    for each in (clearances, environment, missions):
+    for module in (missions, pages, sizing):
+        monkeypatch.setattr(module, "shown", shown)
+    for each in (missions, pages):
         monkeypatch.setattr(each, "draw_problem", lambda scene, *_: seen.append(scene.impact_pairs))
-    monkeypatch.setattr(pairs, "draw_gaps", lambda stops, _: seen.append(tuple(stops)))
+    monkeypatch.setattr(pages, "draw_gaps", lambda stops, _: seen.append(tuple(stops)))
     return seen
 
 
@@ -262,7 +260,7 @@ def test_the_page_of_a_mission_shows_the_number_to_sign(
     }
     found = replace(phases, records=records)
     sign = to_sign({"stops": found.clearance.value}, list(records.values()))
-    page = clearances.clearance_page(found, origin_of(found.provenance))
+    page = missions.clearance_page(found, origin_of(found.provenance))
     judge(page, found, sign, drawn)
     assert len(drawn) == 1
     document = found.to_dict()
@@ -296,7 +294,7 @@ def test_the_page_of_a_damage_shows_the_number_to_sign(
         tried=pd.DataFrame([row | {"by": "clusters"}]), damage=spectra,  # type: ignore[arg-type]
         record=verdict(kind) if kind else None, cost=Cost(wall_time=1.0), provenance={},
     )  # fmt: skip
-    page = clearances.clearance_page(found, origin_of(one.provenance))
+    page = missions.clearance_page(found, origin_of(one.provenance))
     cards = Cards(page.html())
     sign = to_sign({"stops": 11.23e-3}, verdicts_of(found))
     assert length(cards.largest) == pytest.approx(sign, rel=1e-9)
@@ -314,8 +312,8 @@ def no_hits(*_: object, **__: object) -> None:
 
 @pytest.fixture(scope="module")
 def several() -> Sizing:
-    with mock.patch.object(hits_at_place, "count_impacts", no_hits), mock.patch.object(
-        shared_risk, "tolerance_table", return_value=(pd.DataFrame(), {})
+    with mock.patch.object(search, "count_impacts", no_hits), mock.patch.object(
+        pairs_module, "tolerance_table", return_value=(pd.DataFrame(), {})
     ):  # fmt: skip
         scene = uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0))
         found = size(scene, probability=0.05, mission=1000.0, rel_error=0.3, threads=1)

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 import stochvi
 from stochvi.scenes.datasets import data_folder, shipped_scene
 from stochvi.scenes.structures.rigid_body import RigidBody
-from stochvi.verification.explain import explain
+from stochvi.verification.check import explain
 from stochvi.views.schematic import draw_gaps, draw_problem, write_problem
 from support.commands import Run
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
+import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
@@ -12,23 +14,39 @@ import pytest
 from stochvi import (
     Elastic,
     ImpactPair,
+    Isolator,
     NotApplicable,
     RecordedNoise,
+    Restitution,
     Scene,
+    Sine,
     SpeedRestitution,
     WhiteNoise,
+    harmonic_response,
     linearise,
     replay,
 )
-from stochvi.methods.linearisation.along import rms_along
+from stochvi.mathematics.impact_rates import corner_exponent
+from stochvi.methods.closed_form import exact_density
+from stochvi.methods.fokker_planck import fokker_planck_density
+from stochvi.methods.linearisation.one_form import rms_along
 from stochvi.scenes import Beam, Plate
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import load_scene
+from stochvi.scenes.structures import Oscillator
 from stochvi.statistics.histories import history
-from stochvi.views.history import draw_history, write_animation
+from stochvi.views.density import (
+    draw_history,
+    plot_impact_speeds,
+    plot_marginals,
+    plot_plane,
+    write_animation,
+)
 from stochvi.views.report.missions import _replay_pictures
-from stochvi.views.shapes import draw_shapes, has_shape
+from stochvi.views.schematic import draw_shapes, has_shape
+from stochvi.views.sine import draw_sine
 from support.commands import Run
+from support.known import oscillator
 
 STEEL = {"young": 2e11, "density": 7850.0, "zeta": 0.02, "modes": 2}
 REED = Beam(length=0.2, width=0.02, height=0.002, points={"tip": 1.0, "middle": 0.5}, **STEEL)
@@ -178,3 +196,152 @@ def test_the_shape_of_a_replay_has_the_rms_of_its_record(modes: int, tmp_path: P
     captions = [each.caption for each in _replay_pictures(found, scene)]
     assert "shape at impacts" in captions[0] and len(captions) == 3
     plt.close("all")
+
+
+# ------------------------------------------------------------------------------
+# Axes and names of the picture of regimes under a sine.
+# ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("high", "scale"), [(200.0, "log"), (11.0, "linear")])
+def test_axes_are_logarithmic_where_motions_of_all_sizes_are_drawn(high: float, scale: str) -> None:
+    """The largest displacement falls by (200 / 5)^2 over the first range."""
+    scene = Scene(
+        structure=Isolator(mass=1.0, frequency_hz=14.0, zeta=0.5),
+        impact_pairs=[ImpactPair(clearance=1.0, law=Restitution(coefficient=0.5))],
+        excitations=[Sine(on="base", amplitude=9.81, frequency_hz=14.0)],
+    )
+    found = harmonic_response(scene, np.geomspace(5.0, high, 30), most_impacts=1)
+    ax = draw_sine(found)
+    assert (ax.get_yscale(), ax.get_xscale()) == (scale, scale)
+    low, top = ax.get_ylim()
+    drawn = ax.lines[0].get_ydata()
+    assert top > np.nanmax(drawn) and (low < np.nanmin(drawn) if scale == "log" else low == 0.0)
+    assert "no impacts" in ax.figure.legends[0].get_texts()[0].get_text()
+    plt.close(ax.figure)
+
+
+def test_no_picture_is_drawn_where_no_motion_was_found() -> None:
+    scene = Scene(
+        structure=Isolator(mass=1.0, frequency_hz=14.0, zeta=0.5),
+        excitations=[Sine(on="base", amplitude=9.81, frequency_hz=14.0)],
+    )
+    found = harmonic_response(scene, [10.0, 20.0])
+    plt.close(draw_sine(found).figure)
+    with pytest.raises(ValueError, match="no motion was found"):
+        draw_sine(dataclasses.replace(found, branches=()))
+    plt.close("all")
+
+
+# ------------------------------------------------------------------------------
+# The picture of a realisation: what shares a panel, and in which units.
+# ------------------------------------------------------------------------------
+
+
+def panels(name: str) -> dict[str, list[str]]:
+    """The curves of each panel of the picture of a scene that ships, by the words at its axis."""
+    scene = load_scene(shipped_scene(name))
+    figure = draw_history(history(scene, duration=1.0, seed=1), scene).get_figure()
+    assert figure is not None
+    found = {
+        ax.get_ylabel().replace("\n", " "): [
+            line for line in ax.get_legend_handles_labels()[1] if not line.startswith("impacts")
+        ]
+        for ax in figure.axes
+    }
+    plt.close("all")
+    return found
+
+
+def test_rotations_are_angles_and_share_no_panel_with_displacements() -> None:
+    """Their angles were drawn in mm, and their accelerations in g."""
+    found = panels("rigid-box")
+    assert found["displacement (mm)"] == ["x", "y", "z"]
+    assert found["rotation (mrad)"] == ["rx", "ry", "rz"]
+    assert found["angular acceleration (rad/s²)"] == ["rx", "ry", "rz"]
+    assert "rx" not in found["absolute acceleration (g)"]
+    assert [words for words in found if words.startswith("gap of ")] == [
+        "gap of corner 1 (mm)", "gap of corner 2 (mm)", "gap of side (mm)",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["isolator-truck", "oscillator-lossy"])
+def test_a_mass_between_stops_has_a_panel_of_its_own(name: str) -> None:
+    assert next(iter(panels(name))).startswith("displacement of x (")
+
+
+def test_the_table_of_a_box_states_the_units_of_its_rotations() -> None:
+    meanings = history(load_scene(shipped_scene("rigid-box")), duration=1.0, seed=1).meanings
+    assert meanings["displacement_m"].endswith("; rx, ry, rz in rad")
+    assert meanings["acceleration_m_s2"].endswith("; rx, ry, rz in rad/s^2")
+    one = history(load_scene(shipped_scene("isolator-truck")), duration=1.0, seed=1).meanings
+    assert "rad" not in one["displacement_m"]
+
+
+# ------------------------------------------------------------------------------
+# Pictures of densities: what is drawn is what the density says.
+# ------------------------------------------------------------------------------
+
+
+mpl.use("Agg")
+
+
+LOSSY = oscillator(-0.7, 1.0, 0.4, load=0.2)
+SOFT = Scene(
+    structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    impact_pairs=[
+        ImpactPair(
+            lower=-1.0,
+            upper=1.0,
+            lower_law=Restitution(coefficient=1.0),
+            upper_law=Elastic(stiffness=20.0),
+        )
+    ],
+    excitations=[WhiteNoise(intensity=0.2)],
+)
+
+
+@pytest.fixture(scope="module")
+def lossy():
+    return fokker_planck_density(LOSSY)
+
+
+def test_the_plane_holds_the_density_between_walls_with_a_slit(lossy):
+    ax = plot_plane(LOSSY, lossy)
+    (mesh,) = ax.collections
+    shown = np.asarray(mesh.get_array())
+    assert shown.shape == (241, 241) and np.all(np.isfinite(shown))
+    x, v = np.linspace(-0.7, 1.0, 241), np.asarray(mesh.get_coordinates())[:, 0, 1]
+    assert shown[180, 100] == pytest.approx(float(lossy.density(x[100], v[180])), rel=1e-6)
+    walls = [line for line in ax.lines if len(set(line.get_xdata())) == 1]
+    assert sorted({float(line.get_xdata()[0]) for line in walls}) == [-0.7, 1.0]
+    assert len(walls) == 4 and all(0.5 not in line.get_ydata() for line in walls)
+
+
+def test_a_stop_that_gives_way_has_no_slit_and_the_picture_goes_on_behind_it():
+    found = exact_density(SOFT)
+    ax = plot_plane(SOFT, found)
+    assert {float(line.get_xdata()[0]) for line in ax.lines} == {-1.0}
+    assert ax.get_xlim()[1] > 1.3
+    ax = plot_impact_speeds(SOFT, found)
+    assert [line.get_label() for line in ax.lines if "β" in line.get_label()] != []
+
+
+def test_impact_speeds_have_the_slope_that_the_dotted_line_says(lossy):
+    ax = plot_impact_speeds(LOSSY, lossy)
+    curves = {line.get_label(): line for line in ax.lines}
+    dotted = next(line for name, line in curves.items() if "β" in name)
+    w, line = dotted.get_data()
+    slope = np.log(line[-1] / line[0]) / np.log(w[-1] / w[0])
+    assert slope == pytest.approx(1.0 - corner_exponent(0.4), rel=1e-10)
+    speeds, flux = curves["upper stop"].get_data()
+    slow = (speeds > 0.006) & (speeds < 0.03)
+    found = np.polyfit(np.log(speeds[slow]), np.log(flux[slow]), 1)[0]
+    assert found == pytest.approx(slope, abs=0.1)
+
+
+def test_marginals_are_curves_of_unit_area(lossy):
+    for ax in plot_marginals(LOSSY, lossy):
+        x, p = ax.lines[0].get_data()
+        # a singular stop lies between two points of the curve
+        assert np.trapezoid(p, x) == pytest.approx(1.0, abs=0.03)

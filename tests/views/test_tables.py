@@ -1,16 +1,21 @@
 """Tables on a terminal: what stands where, and what stands for a number that is not there."""
 
+from __future__ import annotations
+
 import io
 from collections.abc import Callable
 
+import matplotlib.pyplot as plt
+import numpy as np
 import pandas as pd
 import pytest
 from rich.console import Console
 
 from stochvi import Response, Scene, average, check, explain, fokker_planck, linearise, load_scene
 from stochvi.scenes.datasets import shipped_scene
+from stochvi.views.axes import as_written
 from stochvi.views.tables import print_frame, print_response
-from stochvi.views.verification_tables import print_check, print_explanation
+from stochvi.views.verification import print_check, print_explanation
 
 
 def test_numbers_stand_to_the_right_whether_they_are_text_or_not() -> None:
@@ -86,3 +91,22 @@ def test_a_number_that_is_not_known_is_a_dash() -> None:
     frame = pd.DataFrame({"hits": pd.Series([2.5, None, float("nan")], dtype=object)})
     print_frame(Console(file=written, width=100), frame, "hits")
     assert [line.split()[0] for line in written.getvalue().splitlines()[-3:]] == ["2.5", "-", "-"]
+
+
+# ------------------------------------------------------------------------------
+# Axes of pictures as they are written.
+# ------------------------------------------------------------------------------
+
+
+def test_a_logarithmic_axis_shows_its_lines_and_not_the_zero_of_a_band() -> None:
+    """Fatigue damage over two decades of frequency falls by fourteen."""
+    frequency = np.geomspace(5.0, 500.0, 20)
+    damage = np.geomspace(1e5, 1e-9, 20)
+    _, ax = plt.subplots()
+    ax.fill_between(frequency, 1e-300, 2.0 * damage)
+    ax.plot(frequency, damage)
+    ax.set_yscale("log")
+    assert ax.get_ylim()[0] < 1e-100
+    as_written(ax)
+    low, high = ax.get_ylim()
+    assert 1e-11 < low < 1e-9 and 1e5 < high < 1e7

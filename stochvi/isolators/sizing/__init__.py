@@ -2,6 +2,6 @@
 sensitivity."""
 
 from stochvi.isolators.sizing.answer import Sizing
-from stochvi.isolators.sizing.method import size
+from stochvi.isolators.sizing.size import size
 
 __all__ = ["Sizing", "size"]

@@ -3,38 +3,233 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stochvi.isolators.moved_stops import at_clearances
-from stochvi.isolators.record_verdict import RecordVerdict
-from stochvi.isolators.screening import Screening
-from stochvi.isolators.sizing.box_overview import BoxOverview
-from stochvi.isolators.sizing.chance_at_stops import (
-    StopPositions,
-    gap_of,
-    mean_gaps,
-    probability_at,
-)
-from stochvi.isolators.sizing.changes import Tolerances
-from stochvi.mathematics.arrays import Matrix
-from stochvi.mathematics.rounding import ROUNDING
-from stochvi.mathematics.shown_units import ACCELERATION, LENGTH, RATE, shown_as
-from stochvi.model.model import model_of
-from stochvi.results.base import Result
+from stochvi.isolators.record_verdict import RecordVerdict, most_alarming
+from stochvi.isolators.screening import Screening, at_clearances
+from stochvi.isolators.tolerances import Tolerances
+from stochvi.mathematics.numerics import ROUNDING, Matrix, Vector
+from stochvi.mathematics.units import ACCELERATION, LENGTH, RATE, shown_as
+from stochvi.mathematics.unsteady_noise import MovingMean
+from stochvi.model.coverage import NaturalMode, free_motion, natural_modes
+from stochvi.model.model import Model, model_of
+from stochvi.results.base import Response, Result
 from stochvi.results.estimates import Estimate
-from stochvi.results.response import Response
-from stochvi.scenes.between_units import in_toml, moved
+from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
+from stochvi.scenes.structures.rigid_body import AXES, RigidBody
+from stochvi.scenes.validation import in_toml, moved
+from stochvi.statistics.crossings import own_distances
+from stochvi.statistics.damage import Damage
+from stochvi.statistics.trial_splitting import without_peaks
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from stochvi.isolators.production_risk.answer import Production
+    from stochvi.isolators.production_risk import Production
+    from stochvi.mathematics.spectra import Table
     from stochvi.scenes.scene import ImpactPair
+
+
+# ------------------------------------------------------------------------------
+# A rigid box for its page: its modes, and what sizing each axis as one oscillator would buy.
+# ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoxOverview:
+    """The numbers that the page of a box states besides its clearances.
+
+    Parameters
+    ----------
+    modes
+        Natural modes without stops.
+    pairs
+        One row per pair: its name `pair`, `one_axis_three_sigma`, `chance_at_one_axis` and
+        `chance_as_given`. The second is three times the rms of the gap (m) if nothing turned: the
+        centre of mass then moves along each axis as an oscillator of its own, on all mounts
+        together. The others are probabilities of an impact of this pair alone in the mission. Its
+        stops are at that distance from the mean gap, or as in the scene. Both use Rice's rate of
+        crossings of the gap as it really moves.
+    """
+
+    modes: Sequence[NaturalMode]
+    pairs: pd.DataFrame
+
+
+def box_overview(scene: Scene, mission: float) -> BoxOverview | None:
+    """The overview of a scene with a rigid body; None for any other.
+
+    Parameters
+    ----------
+    mission
+        Seconds of exposure.
+    """
+    import pandas as pd
+
+    if not isinstance(scene.structure, RigidBody):
+        return None
+    model = model_of(scene)
+    rows = np.array([pair.direction for pair in model.pairs])
+    moved = free_motion(model, with_sines=True).moving_means(rows)
+    alone = replace(
+        model,
+        mass=np.diag(np.diag(model.mass)),
+        damping=np.diag(np.diag(model.damping)),
+        stiffness=np.diag(np.diag(model.stiffness)),
+    )
+    straight = rows * (np.arange(rows.shape[1]) < len(AXES))
+    apart = free_motion(alone, with_sines=True).moving_means(straight)
+    three = np.array([3.0 * each.deviations[0] for each in apart])
+    stops = np.array(own_distances(model))
+    there = np.where(np.isfinite(stops), three, math.inf)
+    return BoxOverview(
+        modes=natural_modes(model),
+        pairs=pd.DataFrame(
+            {
+                "pair": [pair.name for pair in model.pairs],
+                "one_axis_three_sigma": three,
+                "chance_at_one_axis": _chances(moved, there, mission),
+                "chance_as_given": _chances(moved, stops, mission),
+            }
+        ),
+    )
+
+
+def _chances(moved: Sequence[MovingMean], stops: Matrix, mission: float) -> Vector:
+    """Probability that each pair is hit in the mission, stops (2, pairs) at distances from the
+    mean, m: 1 where one of them lies beyond it."""
+    crossings = [
+        mission * sum(motion.rate(max(float(each), 0.0)) for each in own) if motion.place else 0.0
+        for motion, own in zip(moved, stops.T, strict=True)
+    ]
+    return np.where(np.any(stops < 0.0, axis=0), 1.0, -np.expm1(-np.array(crossings)))
+
+
+# ------------------------------------------------------------------------------
+# Where the stops of a sizing lie, and the probability of any impact there.
+#
+# This module reads the probability of even stops off the curve of risk against clearance, which
+# `risk_curve` makes. That of uneven stops is in the sizing, as their first crossings have it.
+# ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class StopPositions:
+    """Where stops lie, m from the unloaded spring unless stated otherwise.
+
+    Parameters
+    ----------
+    mean_position
+        The static equilibrium: where the mass hangs under gravity and constant loads.
+    recommended
+        Place of the stop on each side, by "lower" and "upper", at the clearance to make (`made`);
+        empty where that is not known.
+    distances
+        Clearance of each stop of the scene: its distance from the static equilibrium.
+    probability
+        Probability of any impact in the mission with the stops of the scene; None where it is not
+        known, or the scene has no stops.
+    """
+
+    mean_position: float
+    recommended: Mapping[str, float]
+    distances: Mapping[str, float]
+    probability: float | None
+
+
+def gap_of(sizing: Sizing) -> StopPositions:
+    """The stops of a sizing: at the clearance to make, and as the scene has them."""
+    model = model_of(sizing.scene)
+    rest, made = model.rest, sizing.made
+    return StopPositions(
+        mean_position=rest,
+        recommended={side: made.position(rest, side) for side in sizing.sides if made},
+        distances={name: abs(each) for name, each in distances_of_stops(sizing.scene).items()},
+        probability=probability_of_stops(sizing),
+    )
+
+
+def probability_at(sizing: Sizing, clearance: float) -> float | None:
+    """Probability of any impact in the mission at a clearance of the curve; None before its
+    start."""
+    if sizing.target.name == "probability" and clearance == sizing.clearance.value:
+        return sizing.target.value
+    found = _bursts_at(sizing, clearance)
+    return None if found is None else -math.expm1(-found)
+
+
+def probability_of_stops(sizing: Sizing) -> float | None:
+    """Probability of any impact with the stops where the scene has them; None where it is
+    not known, or a stop presses on the mass."""
+    if sizing.probability_of_stops is not None:
+        return sizing.probability_of_stops.value
+    distances = distances_of_stops(sizing.scene)
+    if not distances or min(distances.values()) <= 0.0 or are_uneven(distances.values()):
+        return None
+    return probability_at(sizing, min(distances.values()))
+
+
+def distances_of_stops(scene: Scene) -> dict[str, float]:
+    """Distance of each stop from the static equilibrium by "lower" and "upper", m; negative where
+    it presses on the mass there."""
+    model = model_of(scene)
+    return {
+        stop.name: model.rest - stop.position
+        if stop.name == "lower"
+        else stop.position - model.rest
+        for stop in model.stops
+    }
+
+
+def mean_gaps(model: Model) -> Vector:
+    """Means of all gaps, m; the static equilibrium of a mass that has no pair."""
+    return model.mean_gaps if model.pairs else np.array([model.rest])
+
+
+def are_uneven(distances: Collection[float]) -> bool:
+    """Whether there are two stops at different distances.
+
+    Their probability is not on the curve of even ones: a cluster may touch both stops, so that
+    either has more than half of the clusters.
+    """
+    return len(distances) == 2 and not math.isclose(*distances)
+
+
+def _bursts_at(sizing: Sizing, clearance: float) -> float | None:
+    """-log(1 - P) at a clearance; None before the curve, whose end is followed beyond it.
+
+    It falls nearly as a Gaussian: its logarithm over the square of the clearance is straight.
+    """
+    curve = sizing.curve
+    squares, p = curve["clearance"].to_numpy() ** 2, curve["probability"].to_numpy()
+    if clearance**2 < squares.min():
+        return None
+    logarithms = np.log(-np.log1p(-np.clip(p, LEAST, CERTAIN)))
+    if clearance**2 <= squares.max():
+        return math.exp(float(np.interp(clearance**2, squares, logarithms)))
+    slope = float((logarithms[-1] - logarithms[-2]) / (squares[-1] - squares[-2]))
+    end = float(logarithms[-1]) + slope * (clearance**2 - float(squares[-1]))
+    return math.exp(max(end, math.log(LEAST)))
+
+
+LEAST, CERTAIN = 1e-300, 1.0 - 1e-15
+"""Smallest and largest probability of which a logarithm is taken; others are moved to these
+limits."""
+
+
+def two_sided(scene: Scene) -> bool:
+    """Whether both sides are sized: the scene has two stops, or none yet."""
+    return not scene.impact_pairs or len(scene.impact_pairs[0].stops()) == 2
+
+
+# ------------------------------------------------------------------------------
+# The clearance that an isolator needs, with a stated risk.
+# ------------------------------------------------------------------------------
 
 
 SIDES = ("lower", "upper")
@@ -888,3 +1083,198 @@ def places_in_words(made: Mapping[str, RoundedClearance]) -> str:
     low, *_, high = sorted(made, key=lambda name: made[name].value)
     first = f"{len(made)} pairs, each with its own (see the table)"
     return f"{first}, from {low} {made[low]} to {high} {made[high]}"
+
+
+# ------------------------------------------------------------------------------
+# The question of a sizing.
+# ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Question:
+    """The target of a sizing, and the run in which it is searched for, which has the relative error
+    of the risk; see `size`. The tolerances are by default those that the scene states. Without
+    `impacts` none is simulated for a probability, and the answer says nothing of them."""
+
+    target: Target
+    mission: float
+    run: Run
+    at: str | None = None
+    pair: str | None = None
+    common: Sequence[str] = ()
+    tolerances: Tolerances | None = None
+    impacts: bool = True
+
+
+# ------------------------------------------------------------------------------
+# What a sizing by the damage of equipment returns.
+# ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class DamageSizing(ClearanceAnswer):
+    """The clearances at which stops keep the damage of equipment below a ratio.
+
+    Parameters
+    ----------
+    scene
+        The scene; its stops are where it states them.
+    ratio
+        Largest accepted damage of equipment with stops over that without, at all its frequencies.
+    mission
+        Duration, s.
+    clearances
+        By pair, metres per side from the static equilibrium, with the 95 % interval. All are
+        equally far in rms motions of their gaps.
+    sigma
+        Rms motion of that gap without stops, m.
+    tried
+        The clearances of that gap that were tried, m, each with the largest `damage_ratio`, its
+        `standard_error`, the `frequency_hz` where it is, and `by`, "clusters" or "simulation".
+    damage
+        The answer of `damage` at the clearance nearest to the one that was found.
+    record
+        Whether a measured record moves the gaps as Gaussian noise would; None without a record.
+
+    See Also
+    --------
+    stochvi.isolators.size_by_damage : The calculation.
+    """
+
+    ratio: float
+    mission: float
+    sigma: float
+    tried: pd.DataFrame
+    damage: Damage
+    record: RecordVerdict | None = None
+
+    @property
+    def doubtful(self) -> RecordVerdict | None:
+        """The verdict on the record, if it does not agree with the Gaussian noise of the sizing."""
+        return None if self.record is None or self.record.agrees else self.record
+
+    def to_frame(self) -> pd.DataFrame:
+        """The clearances that were tried."""
+        return self.tried
+
+    def verdict(self) -> str:
+        """The clearance to make and what it keeps, in one sentence."""
+        f = self.damage.equipment_frequency_hz
+        band = f"{f[0]:.4g} Hz" if len(f) == 1 else f"{f[0]:.4g} to {f[-1]:.4g} Hz"
+        return self._after_record() + (
+            f"{self.to_make} the damage of equipment at {band} within {self.ratio:.4g} times that "
+            "without stops"
+        )
+
+    def calculated(self) -> str:
+        """The clearance before rounding, and the equipment that decides."""
+        place = self.clearance.value
+        near = self.tried.iloc[int(np.argmin(np.abs(self.tried["clearance"] - place)))]
+        return (
+            f"calculated: {self.clearance}, {place / self.sigma:.3g} sigma; equipment of "
+            f"{near['frequency_hz']:.4g} Hz decides, in a mission of {spoken_mission(self.mission)}"
+        )
+
+    def _document(self) -> dict[str, Any]:
+        return {"method": "size:damage", **super()._document()}
+
+
+# ------------------------------------------------------------------------------
+# What a sizing of a mission of several phases returns.
+# ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class MissionSizing(ClearanceAnswer):
+    """The clearance of a mission of several phases.
+
+    Parameters
+    ----------
+    scene
+        The scene with its phases; stops are at the places that the scene states.
+    target
+        Probability of any impact in the whole mission.
+    mission
+        Duration of all phases, s.
+    clearances
+        By pair, metres per side from the static equilibrium of the mount as stated, with the 95 %
+        interval. Each pair alone would be hit in the mission with the same probability.
+    phases
+        By phase its `duration` (s), `displacement_std` of the widest gap and `shift` of its static
+        equilibrium (m). `probability` is that of any impact at the clearances, and `share` the
+        part of the phase in the hazard. `clearance` of that gap is what the phase alone needs for
+        the target (NaN where it does not matter).
+    curve
+        `probability` of an impact in the mission over `clearance`, with its 95 % limits
+        `probability_low` and `probability_high`.
+    records
+        Verdicts on the measured records, by the phases that have one.
+
+    See Also
+    --------
+    stochvi.size : The calculation.
+    """
+
+    target: Target
+    mission: float
+    phases: pd.DataFrame
+    curve: pd.DataFrame
+    records: Mapping[str, RecordVerdict] = field(default_factory=dict)
+    assumptions: tuple[str, ...] = ()
+
+    @property
+    def doubtful(self) -> Mapping[str, RecordVerdict]:
+        """The verdicts on records that do not agree with the Gaussian noise of the sizing."""
+        return {name: each for name, each in self.records.items() if not each.agrees}
+
+    @property
+    def record(self) -> RecordVerdict | None:
+        """The verdict on the record that a reader must know first; None without records."""
+        name = most_alarming(self.records)
+        return None if name is None else self.records[name]
+
+    def densities(self) -> dict[str, list[Table]]:
+        """The densities of the accelerations in each phase, level included."""
+        return {
+            phase.name: [table for table, _ in without_peaks(model_of(phase.of(self.scene))).tables]
+            for phase in self.scene.phases
+        }
+
+    @property
+    def fell_short(self) -> tuple[str, ...]:
+        """Warnings of an accuracy that was not reached."""
+        return tuple(self.warnings)
+
+    @property
+    def hanging(self) -> Scene:
+        """The scene with the mount as stated, neither warm nor cold."""
+        return as_stated(self.scene)
+
+    def to_frame(self) -> pd.DataFrame:
+        """The phases."""
+        return self.phases
+
+    def verdict(self) -> str:
+        """The clearance to make and the risk that it keeps, in one sentence."""
+        over = f", over {len(self.phases)} phases" if len(self.phases) > 1 else ""
+        return f"{self._after_record()}{self.to_make} {self.target.kept(self.mission)}{over}"
+
+    def calculated(self) -> str:
+        """The clearance before rounding, and the phase that decides."""
+        place = f"calculated: {self.clearance}{self.of_widest}"
+        if len(self.phases) == 1:
+            return place
+        most = self.phases.iloc[int(np.argmax(self.phases["share"]))]
+        return (
+            f"{place}; phase {most['phase']} of "
+            f"{spoken_mission(most['duration'])} has {spoken_percent(most['share'])} of the risk"
+        )
+
+    def _document(self) -> dict[str, Any]:
+        return {"method": "size", **super()._document(), "record": self.record}
+
+
+def as_stated(scene: Scene) -> Scene:
+    """The first phase with the mount as the scene states it, neither warm nor cold."""
+    factors = {"stiffness_factor": 1.0, "damping_factor": 1.0}
+    return scene.phases[0].model_copy(update=factors).of(scene)

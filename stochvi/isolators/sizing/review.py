@@ -3,32 +3,578 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
+import pandas as pd
 
-from stochvi.isolators.clearance import predicted_rates
-from stochvi.isolators.environment import Environment, environment
-from stochvi.isolators.screening import Screening
-from stochvi.isolators.sizing.answer import RoundedClearance, Sizing
-from stochvi.isolators.sizing.chance_at_stops import probability_at, two_sided
-from stochvi.isolators.sizing.changes import Tolerances
-from stochvi.isolators.sizing.clatter import clatter
-from stochvi.isolators.sizing.exceedances import exceedances
-from stochvi.isolators.sizing.motion import MotionBetweenStops, PathSettings, motion_between_stops
+from stochvi.isolators.jolt_response import hardest_contact
+from stochvi.isolators.screening import (
+    Environment,
+    Screening,
+    at_clearances,
+    columns_of,
+    environment,
+    frequencies,
+    input_density,
+    noise_on_base_alone,
+    predicted_rates,
+    transmissibility,
+)
+from stochvi.isolators.sizing.answer import RoundedClearance, Sizing, probability_at, two_sided
+from stochvi.isolators.sizing.risk_curve import exceedances
+from stochvi.isolators.tolerances import Tolerances
+from stochvi.mathematics.numerics import ROUNDING, Vector
+from stochvi.mathematics.spectra import welch
+from stochvi.methods.monte_carlo import record_path
+from stochvi.methods.monte_carlo.kernels.flight import Extremes, Sums
+from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
+from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
-from stochvi.results.base import plain
+from stochvi.results.base import Response, plain
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
-from stochvi.results.estimates import Estimate
-from stochvi.results.response import Response
-from stochvi.scenes.scene import UNLOADED
+from stochvi.results.estimates import (
+    Estimate,
+    jackknife_ratio,
+    mean_and_error,
+    of_events,
+    student_factor,
+)
+from stochvi.sampling.calculations import AccuracyOptions, Sampler, calculation
+from stochvi.sampling.run import Run, sampled
+from stochvi.scenes.impact_laws import CompliantLaw, Elastic, Viscoelastic
+from stochvi.scenes.scene import UNLOADED, Scene
 from stochvi.scenes.structures import Oscillator
+from stochvi.statistics.densities import SampledDensity
 
 if TYPE_CHECKING:
+    from stochvi.model.model import Model
+
+
+# ------------------------------------------------------------------------------
+# The motion of an isolator between its stops at 3 sigma, from one long simulated path.
+# ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathSettings:
+    """Length of the path, and how its statistics are taken.
+
+    Parameters
+    ----------
+    periods
+        Length of the path in natural periods: it takes seconds to simulate, and has some hundred
+        impacts on stops at 3 sigma of a light mount.
+    burn_in_share
+        Share of the path that is left out at its start, where it is not stationary.
+    fewest_hits
+        Number of impacts from which on percentiles of their speeds are given.
+    percentiles
+        Percentiles of the impact speed.
+    bins, reach
+        Number of bins of the histogram, and its half width in linear standard deviations, unless
+        the path itself reaches further.
+    segment_periods
+        Natural periods in a segment of Welch's method: they resolve a damping ratio of 2 %.
+    synthesised_share
+        Share of half the sampling rate up to which the density of a path is taken: above it, a
+        synthesised path carries power that is folded from higher frequencies.
+    exact_ranks, rank_ratio
+        Number of the fastest impacts that the table of exceedances holds one by one. In the rows
+        that follow the number of impacts grows by the ratio: few rows show the same curve.
+    """
+
+    periods: float = 20_000.0
+    burn_in_share: float = 0.02
+    fewest_hits: int = 20
+    percentiles: tuple[float, ...] = (50.0, 95.0, 99.0)
+    bins: int = 120
+    reach: float = 4.5
+    segment_periods: float = 60.0
+    synthesised_share: float = 0.7
+    exact_ranks: int = 200
+    rank_ratio: float = 1.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionBetweenStops:
+    """Statistics of a long path between stops at 3 sigma (SI units).
+
+    Parameters
+    ----------
+    scene
+        The scene that was simulated, its stops at 3 sigma from the static equilibrium.
+    duration, hits
+        Seconds of the path and number of its impacts.
+    kurtosis
+        E x^4 / (E x^2)^2 of the displacement about its mean; 3 for a Gaussian motion.
+    mean_position
+        Mean position without stops, m.
+    displacement
+        Histogram of the displacement.
+    faster_hits
+        `impact_speed` (m/s) and the `rate` (1/s) of impacts at least so fast; None for few impacts.
+    impacts
+        One row per percentile of the impact speed: `percentile`, `impact_speed` and, for stops
+        that are compliant, `peak_acceleration` (m/s^2), `deflection` (m) and `contact_time` (s) of
+        the harder side, the base at rest meanwhile. None for few impacts.
+    transmissibility
+        `frequency_hz` and the apparent `transmissibility`: root of the density of
+        -(b v + omega^2 x), the part of the acceleration that spring and damper cause, over that of
+        the base. None unless noise moves the base and nothing else shakes the mass.
+    transmissibility_change
+        Largest relative difference of the apparent transmissibility from the one without stops,
+        over bands of a third of an octave.
+    """
+
+    scene: Scene
+    duration: float
+    hits: int
+    kurtosis: float
+    mean_position: float
+    displacement: SampledDensity
+    faster_hits: pd.DataFrame | None
+    impacts: pd.DataFrame | None
+    transmissibility: pd.DataFrame | None
+    transmissibility_change: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document; tables are columns."""
+        return {
+            "duration": self.duration,
+            "hits": self.hits,
+            "kurtosis": self.kurtosis,
+            "mean_position": self.mean_position,
+            "displacement": self.displacement.to_dict(),
+            "faster_hits": columns_of(self.faster_hits),
+            "impacts": columns_of(self.impacts),
+            "transmissibility": columns_of(self.transmissibility),
+            "transmissibility_change": self.transmissibility_change,
+        }
+
+
+def motion_between_stops(
+    sizing: Sizing, settings: PathSettings | None = None
+) -> MotionBetweenStops:
+    """Simulate one long path of a sized isolator, with its stops at 3 sigma and their laws."""
+    settings = settings or PathSettings()
+    scene = at_clearances(sizing.scene, sizing.three_sigma.clearance)
+    model = model_of(scene)
+    period = 2.0 * math.pi / model.omega
+    fine = bool(model.whites) and noise_on_base_alone(model)
+    path = record_path(
+        scene,
+        duration=settings.periods * period,
+        seed=sizing.seed,
+        step=period / WHITE_SAMPLES if fine else None,
+    )
+    # filtered noise makes the structure one of several oscillators, whose columns have names
+    path = path.rename(columns=lambda name: name.partition(" of ")[0])
+    path = path.iloc[round(settings.burn_in_share * len(path)) :]
+    duration = float(path["time"].iloc[-1] - path["time"].iloc[0])
+    speeds = path["impact_speed"].abs().to_numpy()
+    speeds = np.sort(speeds[speeds > 0.0])
+    rest = model.rest
+    samples = path["displacement"].to_numpy()
+    apparent = (
+        _apparent_transmissibility(model, path, settings) if noise_on_base_alone(model) else None
+    )
+    reach = 1.05 * max(float(abs(samples - rest).max()), settings.reach * sizing.sigma)
+    many = len(speeds) >= settings.fewest_hits
+    return MotionBetweenStops(
+        scene=scene,
+        duration=duration,
+        hits=len(speeds),
+        kurtosis=_kurtosis(samples),
+        mean_position=rest,
+        displacement=SampledDensity.of(
+            samples, settings.bins, *_ends(model, rest - reach, rest + reach)
+        ),
+        faster_hits=_faster_hits(speeds, duration, settings) if many else None,
+        impacts=_impacts(scene, speeds, settings) if many else None,
+        transmissibility=apparent,
+        transmissibility_change=_largest_change(model, apparent),
+    )
+
+
+def _ends(model: Model, low: float, high: float) -> tuple[float, float]:
+    """Ends of a histogram: a rigid stop, since no displacement lies beyond it, else the given
+    end."""
+    for stop in model.stops:
+        if stop.rigid and stop.position < model.rest:
+            low = stop.position
+        elif stop.rigid:
+            high = stop.position
+    return low, high
+
+
+def _kurtosis(samples: Vector) -> float:
+    x = samples - samples.mean()
+    return float(np.mean(x**4) / np.mean(x**2) ** 2)
+
+
+def _faster_hits(speeds: Vector, duration: float, settings: PathSettings) -> pd.DataFrame:
+    """Rate of impacts at least as fast as each of the sorted speeds, thinned where they are
+    many."""
+    fastest = min(settings.exact_ranks, len(speeds))
+    steps = math.log(len(speeds) / fastest) / math.log(settings.rank_ratio)
+    more = np.geomspace(fastest, len(speeds), math.ceil(steps) + 1).round().astype(int)
+    ranks = np.unique(np.concatenate([np.arange(1, fastest + 1), more]))[::-1]
+    return pd.DataFrame({"impact_speed": speeds[-ranks], "rate": ranks / duration})
+
+
+def _impacts(scene: Scene, speeds: Vector, settings: PathSettings) -> pd.DataFrame:
+    """Percentiles of impact speed and, of compliant stops, what the mass then feels."""
+    model = model_of(scene)
+    stops = [
+        (stop.law, abs(stop.position - model.rest))
+        for stop in model.stops_per_unit_mass
+        if isinstance(stop.law, CompliantLaw)
+    ]
+    met = np.percentile(speeds, settings.percentiles)
+    found = pd.DataFrame({"percentile": settings.percentiles, "impact_speed": met})
+    if stops:
+        hit = hardest_contact(model, stops, met)
+        found["peak_acceleration"], found["deflection"] = hit.peak_acceleration, hit.deflection
+        found["contact_time"] = hit.contact_time
+    return found
+
+
+WHITE_SAMPLES = 40
+"""Samples in a natural period where white noise shakes the base and a density is taken: at the long
+steps that suffice for averages, the density is that of the kicks, not of the noise."""
+
+MOST_FOLDED = 0.03
+"""Largest share of the transmissibility at a frequency that may come from another one, folded to it
+by the sampling."""
+
+
+def _apparent_transmissibility(
+    model: Model, path: pd.DataFrame, settings: PathSettings
+) -> pd.DataFrame:
+    step = float(path["time"].iloc[1] - path["time"].iloc[0])
+    period = 2.0 * math.pi / model.omega
+    length = min(round(settings.segment_periods * period / step), len(path))
+    acceleration = model.damping_rate * path["velocity"] + model.omega**2 * (
+        path["displacement"] - model.rest
+    )
+    frequency, density = welch(acceleration.to_numpy(), 1.0 / step, length)
+    base = input_density(model, frequency)
+    highest = settings.synthesised_share / (2.0 * step)
+    seen = (frequency > 0.0) & (frequency < highest) & (base > 0.0)
+    seen &= frequency >= frequencies(model)[0]
+    if model.whites:  # the kicks of a step shake at all of the frequencies that it folds to one
+        folded = transmissibility(model, np.abs(1.0 / step - frequency))
+        seen &= folded < MOST_FOLDED * transmissibility(model, frequency)
+    return pd.DataFrame(
+        {
+            "frequency_hz": frequency[seen],
+            "transmissibility": np.sqrt(density[seen] / base[seen]),
+        }
+    )
+
+
+FEWEST_IN_BAND = 4
+"""Number of frequencies that a band must hold to be compared."""
+
+
+def _largest_change(model: Model, apparent: pd.DataFrame | None) -> float | None:
+    """Largest relative difference of bands from the transmissibility without stops."""
+    if apparent is None or not len(apparent):
+        return None
+    frequency = apparent["frequency_hz"].to_numpy()
+    power = apparent["transmissibility"].to_numpy() ** 2
+    known = transmissibility(model, frequency) ** 2
+    band = np.floor(3.0 * np.log2(frequency) + ROUNDING).astype(int)
+    changes = [
+        math.sqrt(float(power[band == each].sum() / known[band == each].sum())) - 1.0
+        for each in np.unique(band)
+        if np.count_nonzero(band == each) >= FEWEST_IN_BAND
+    ]
+    return max(map(abs, changes), default=None)
+
+
+# ------------------------------------------------------------------------------
+# Clatter: what compliant stops do to the acceleration of what they protect.
+#
+# With stops the rms hides the trouble: impacts are short. A restitution gives impacts and their
+# speeds but no acceleration; that needs a stiffness.
+# ------------------------------------------------------------------------------
+
+
+SAMPLES_PER_PERIOD = 40.0
+"""Samples per natural period: a free crest between two of them is missed by at most 0.3 %."""
+
+FIRST_PATHS = 128
+"""Number of windows in the first round: enough for a trustworthy standard error."""
+
+
+@calculation
+@sampled(rel_error=0.02)
+def clatter(
+    scene: Scene,
+    clearances: Sequence[float],
+    *,
+    stiffness_ratios: Sequence[float] | None = None,
+    window: float = 18.0,
+    **options: Unpack[AccuracyOptions],
+) -> pd.DataFrame:
+    """Rms and peak of the absolute acceleration against clearance and stiffness of the stops.
+
+    The absolute acceleration is -(b x' + omega^2 x) less the force of the stop per unit mass. Its
+    mean square follows from time averages, the part of the contacts integrated within them,
+
+        E a^2 = b^2 E x'^2 + omega^4 E x^2 + E F^2 + 2 omega^2 E x F + 2 b E x' F
+
+    its largest value in a window from every contact and every sample.
+
+    Parameters
+    ----------
+    scene
+        An isolator on a noisy base between compliant stops, whose laws are kept.
+    clearances
+        Metres per side from the static equilibrium.
+    stiffness_ratios
+        Stiffness of elastic or viscoelastic stops over that of the mount, each with each
+        clearance; by default that of the scene.
+    window
+        Length in seconds of the windows whose largest acceleration is taken.
+    **options
+        `AccuracyOptions`: `rel_error` is that of the mean largest acceleration, by default 0.02.
+        The rows share the `budget` evenly, at the end of which they have larger errors.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row per clearance and stiffness, SI units, standard errors in columns with `_error`:
+        `clearance`, `clearance_in_sigma`, `stiffness_ratio` (NaN for the scene's own),
+        `hit_rate` (all contacts), `acceleration_rms`, `largest_acceleration` (mean over windows),
+        `rms_amplification` and `peak_amplification`. The last two are ratios to the same without
+        stops, from the same random numbers. `hit_rate_upper_95` is given where contacts were seen
+        in too few windows for an interval, else it is NaN. `largest_acceleration_bias` is a third
+        of the change with half as many samples.
+
+    Raises
+    ------
+    NotApplicable
+        Without stops, or with a rigid one: a restitution has no stiffness.
+
+    See Also
+    --------
+    stochvi.isolators.jolts : Which jolt leads to clatter.
+    stochvi.harmonic_response : The regimes without noise.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.excitations import TabulatedNoise
+    >>> from stochvi.scenes.scene import ImpactPair
+    >>> from stochvi.scenes.structures import Isolator
+    >>> stops = ImpactPair(lower=-6e-3, upper=6e-3, law=Elastic(stiffness=5.7e5))
+    >>> truck = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
+    >>> mount = Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0)
+    >>> scene = Scene(structure=mount, impact_pairs=[stops], excitations=[truck])
+    >>> row = clatter(scene, [6e-3], rel_error=0.1).iloc[0]
+    >>> bool(1.0 < row["rms_amplification"] < 1.1 and 4.0 < row["peak_amplification"] < 6.0)
+    True
+    """
     import pandas as pd
+
+    _check(scene, clearances, stiffness_ratios)
+    free = scene.model_copy(update={"impact_pairs": ()})
+    rows: list[dict[str, float]] = []
+    wanted = [
+        (ratio, stopped, clearance)
+        for ratio, stopped in _variants(scene, stiffness_ratios)
+        for clearance in clearances
+    ]
+    run = Run.of(options)
+    for ratio, stopped, clearance in wanted:
+        if run.deadline.interrupted:
+            break
+        done, number = len(rows), len(wanted)
+        row = run.part(
+            done / number, (done + 1) / number, f"row {done + 1} of {number}",
+            run.deadline.share(1.0 / (number - done)),
+        )  # fmt: skip
+        plan = plan_windows(at_clearances(stopped, clearance), window)
+        windows = _Windows(plan, plan_windows(free, window), row)
+        rows.append(
+            {
+                "clearance": clearance,
+                "clearance_in_sigma": clearance / windows.sigma,
+                "stiffness_ratio": math.nan if ratio is None else ratio,
+                **windows.columns(),
+            }
+        )
+    if run.deadline.interrupted:
+        where = f"after {len(rows)} of {len(wanted)} rows"
+        raise run.deadline.fell_short(where, "", pd.DataFrame(rows))
+    return pd.DataFrame(rows)
+
+
+def _check(
+    scene: Scene, clearances: Sequence[float], stiffness_ratios: Sequence[float] | None
+) -> None:
+    model = model_of(scene)
+    unmet = beyond_one_oscillator(model, with_filters=True)
+    if unmet:
+        raise NotApplicable("clatter", unmet)
+    if not scene.impact_pairs:
+        raise NotApplicable("clatter", ["the scene needs an impact_pair, for its law"])
+    if any(stop.rigid for stop in model.stops):
+        unmet.append(
+            "a stop with a restitution alone has no stiffness, so impacts have no acceleration; "
+            "give an elastic, viscoelastic, hertz or table law"
+        )
+    if stiffness_ratios is not None and not all(
+        isinstance(stop.law, Elastic | Viscoelastic) for stop in model.stops
+    ):
+        unmet.append(
+            "law must be elastic or viscoelastic at every stop for stiffness_ratios, got "
+            + ", ".join(sorted({repr(stop.law.kind) for stop in model.stops}))
+        )
+    if not model.moving_base or model.noise_on_mass:
+        unmet.append("structure.kind must be 'isolator' with noise on its base only")
+    if unmet:
+        raise NotApplicable("clatter", unmet)
+    for name, values in (("clearances", clearances), ("stiffness_ratios", stiffness_ratios or ())):
+        if any(not 0.0 < value < math.inf for value in values):
+            raise ValueError(f"{name} must be positive, got {list(values)}")
+
+
+def _variants(
+    scene: Scene, stiffness_ratios: Sequence[float] | None
+) -> Iterator[tuple[float | None, Scene]]:
+    """The scene with its own stops, or with stops of other stiffness."""
+    if stiffness_ratios is None:
+        yield None, scene
+        return
+    pair, model = scene.impact_pairs[0], model_of(scene)
+    for ratio in stiffness_ratios:
+        stiffness = ratio * model.unit_mass * model.omega**2
+        laws = {
+            name: law.model_copy(update={"stiffness": stiffness})
+            for name in ("law", "lower_law", "upper_law")
+            if (law := getattr(pair, name)) is not None
+        }
+        yield ratio, scene.model_copy(update={"impact_pairs": (pair.model_copy(update=laws),)})
+
+
+def plan_windows(scene: Scene, window: float) -> TabulatedPlan:
+    """Paths of the length of a window, sampled finely enough for free crests."""
+    # the threshold speed is 0: every contact counts, however slow
+    plan = plan_tabulated(model_of(scene), 0.0, window)
+    period = 2.0 * math.pi / plan.model.omega
+    return plan.with_step(min(plan.step, period / SAMPLES_PER_PERIOD))
+
+
+@dataclass(frozen=True)
+class _Averages:
+    """Averages of windows: impacts per second, mean square and largest absolute acceleration."""
+
+    hits: Vector
+    mean_square: Vector
+    largest: Vector
+
+    def __add__(self, other: _Averages) -> _Averages:
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return _Averages(*(np.concatenate(pair) for pair in pairs))
+
+
+def _averages(plan: TabulatedPlan, seed: int, first_path: int, paths: int) -> _Averages:
+    extremes = Extremes.zeros(paths)
+    means = Sums(plan.averages(seed, first_path, paths, None, extremes.table))
+    b, stiff = plan.model.damping_rate, plan.model.omega**2
+    square = b**2 * means.velocity_square + stiff**2 * means.displacement_square
+    if plan.contacts:
+        within = extremes.force_square + 2.0 * stiff * extremes.position_force
+        square = square + 2.0 * b * means.contact_loss + within / plan.duration
+    return _Averages(means.impacts, square, extremes.acceleration)
+
+
+@dataclass(frozen=True, eq=False)
+class WindowSampler(Sampler[list[_Averages], list[_Averages]]):
+    """Windows by several plans, all from the same random numbers."""
+
+    plans: tuple[TabulatedPlan, ...]
+    seed: int
+
+    @property
+    def block(self) -> int:
+        """Number of windows that are simulated together."""
+        return min(plan.block for plan in self.plans)
+
+    def simulate(self, first_path: int, paths: int) -> list[_Averages]:
+        """Averages of some windows by each plan."""
+        return [_averages(plan, self.seed, first_path, paths) for plan in self.plans]
+
+    def add_up(self, pieces: list[list[_Averages]]) -> list[_Averages]:
+        """Averages of a block."""
+        found = pieces[0]
+        for piece in pieces[1:]:
+            found = self.merge(found, piece)
+        return found
+
+    def merge(self, sample: list[_Averages], more: list[_Averages]) -> list[_Averages]:
+        """Averages of both groups of windows."""
+        return [old + new for old, new in zip(sample, more, strict=True)]
+
+    def paths(self, sample: list[_Averages]) -> int:
+        """Number of windows."""
+        return len(sample[0].largest)
+
+
+class _Windows:
+    """Windows with stops, with stops at half as many samples, and without stops, all from the same
+    random numbers."""
+
+    def __init__(self, plan: TabulatedPlan, free: TabulatedPlan, run: Run) -> None:
+        sampler = WindowSampler((plan, plan.coarser(), free), run.seed)
+
+        def error(found: list[_Averages]) -> float:
+            mean, error = mean_and_error(found[0].largest)
+            return error / mean if mean else 0.0
+
+        self.found = run.to_accuracy(sampler, FIRST_PATHS, error, run.accuracy).sample
+        variance = np.sum(free.amplitudes**2)
+        self.sigma = math.sqrt(float(variance))
+
+    def columns(self) -> dict[str, float]:
+        """Columns of one row."""
+        stopped, coarse, free = self.found
+        hits, hits_error = mean_and_error(stopped.hits)
+        square, square_error = mean_and_error(stopped.mean_square)
+        rms = math.sqrt(square)
+        largest, largest_error = mean_and_error(stopped.largest)
+        hit_rate = of_events(Estimate(value=hits, standard_error=hits_error), len(stopped.hits))
+        # the windows with stops and without them have their random numbers in common
+        rms_ratio, rms_ratio_error = jackknife_ratio(stopped.mean_square, free.mean_square, np.sqrt)
+        peak_ratio, peak_ratio_error = jackknife_ratio(stopped.largest, free.largest)
+        few = student_factor(len(stopped.hits))
+        return {
+            "hit_rate": hit_rate.value,
+            "hit_rate_error": hit_rate.standard_error,
+            "hit_rate_upper_95": math.nan if hit_rate.upper_95 is None else hit_rate.upper_95,
+            "acceleration_rms": rms,
+            "acceleration_rms_error": few * 0.5 * square_error / rms,
+            "largest_acceleration": largest,
+            "largest_acceleration_error": few * largest_error,
+            "largest_acceleration_bias": abs(float(coarse.largest.mean()) - largest) / 3.0,
+            "rms_amplification": rms_ratio,
+            "rms_amplification_error": few * rms_ratio_error,
+            "peak_amplification": peak_ratio,
+            "peak_amplification_error": few * peak_ratio_error,
+            "windows": float(len(stopped.largest)),
+        }
+
+
+# ------------------------------------------------------------------------------
+# The review of a sizing:
+# ------------------------------------------------------------------------------
+
 
 PLACES = ("three_sigma", "recommended")
 """Keys of `Sizing.evidence`: the clearances at which a review gives every number."""

@@ -3,30 +3,57 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
-from stochvi.isolators.sizing.answer import Clearance
-from stochvi.mathematics.arrays import Matrix, Vector
-from stochvi.mathematics.moving_means import MovingMean
+from stochvi.isolators.screening import at_clearances
+from stochvi.isolators.sizing.answer import Clearance, Target
+from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.mathematics.unsteady_noise import MovingMean
+from stochvi.methods.monte_carlo.choose_plan import shaken_by_tables
+from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.model.model import model_of
+from stochvi.results.base import (
+    IMPACT_SPEED,
+    PEAK_ACCELERATION,
+    UNIT_OF_LIMIT,
+    is_speed,
+    unit_of_limit,
+)
 from stochvi.results.deadline import partial_result
-from stochvi.results.estimates import Estimate
-from stochvi.sampling.run import Run
-from stochvi.scenes.scene import Scene
-from stochvi.statistics.crossing_ages import CrossingAges, largest_error
-from stochvi.statistics.first_crossings import one_gap
-from stochvi.statistics.pair_crossings import FirstCrossings, PairMotion
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import GAUSSIAN_95, Estimate, binomial_interval
+from stochvi.sampling.calculations import RunOptions
+from stochvi.sampling.run import Run, sampled
+from stochvi.scenes.impact_laws import CompliantLaw
+from stochvi.scenes.scene import LARGEST_NUMBER, Scene
+from stochvi.statistics.clusters import Bursts, bursts
+from stochvi.statistics.crossings import (
+    CrossingAges,
+    FirstCrossings,
+    PairMotion,
+    largest_error,
+    one_gap,
+)
+from stochvi.statistics.rare_hits import (
+    TYPICAL_SPEED,
+    WIDEST,
+    Limit,
+    WindowSampler,
+    check_forces,
+    outputs_of,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
-
 
 CERTAIN = 0.999
 """Largest probability of an impact that a target may have."""
@@ -288,3 +315,367 @@ def _falling(estimates: Sequence[Estimate]) -> list[Estimate]:
             )
         found.append(own)
     return found[::-1]
+
+
+# ------------------------------------------------------------------------------
+# Targets of a sizing, and the impact laws that they need.
+# ------------------------------------------------------------------------------
+
+
+def target_of(
+    probability: float | None,
+    rate: float | None,
+    impact_speed: float | None,
+    peak_acceleration: float | None,
+    exceedance: float,
+) -> Target:
+    """The target of a sizing; `ValueError` unless exactly one is given, in its range."""
+    known = {
+        "probability": (probability, "1"),
+        "rate": (rate, "1/s"),
+        IMPACT_SPEED: (impact_speed, unit_of_limit(IMPACT_SPEED)),
+        PEAK_ACCELERATION: (peak_acceleration, unit_of_limit(PEAK_ACCELERATION)),
+    }
+    given = [name for name, (value, _) in known.items() if value is not None]
+    if len(given) != 1:
+        raise ValueError(
+            f"give exactly one of {', '.join(known)}, got {' and '.join(given) or 'none'}"
+        )
+    name = given[0]
+    value, unit = known[name]
+    assert value is not None
+    if not 0.0 < value <= (CERTAIN if name == "probability" else LARGEST_NUMBER):
+        span = f"in (0, {CERTAIN:g}]" if name == "probability" else "positive"
+        percent = "; 1 % is 0.01" if name == "probability" and value >= 1.0 else ""
+        raise ValueError(f"{name} must be {span}, got {value:g}{percent}")
+    if not 0.0 < exceedance < 1.0:
+        raise ValueError(f"exceedance must be in (0, 1), got {exceedance:g}")
+    limited = name in UNIT_OF_LIMIT
+    return Target(name=name, value=value, unit=unit, exceedance=exceedance if limited else None)
+
+
+def widening(scene: Scene, target: Target, velocity_std: float, clearance: float) -> float:
+    """Factor by which first impacts are drawn faster than usual, so that some exceed the limit."""
+    model = model_of(scene)
+    speed = target.value
+    if not is_speed(target.name):
+        left = max(target.value - model.omega**2 * clearance, 0.1 * target.value)
+        softest = next(
+            stop.law for stop in model.stops_per_unit_mass if isinstance(stop.law, CompliantLaw)
+        )
+        # forces are per unit mass here
+        low = 1e-9 * velocity_std
+        speed = float(
+            brentq(lambda w: softest.impact(w, 1.0).peak_force - left, low, 1e6, xtol=low)
+        )
+    return min(max(speed / (TYPICAL_SPEED * velocity_std), 1.0), WIDEST)
+
+
+def check_at(scene: Scene, target: Target, at: str | None) -> None:
+    """Raise `ValueError` where `at` belongs to another target, or names nothing of the scene."""
+    if at is None:
+        return
+    if target.name != PEAK_ACCELERATION:
+        raise ValueError(f"at = {at!r} belongs to peak_acceleration, which is not given")
+    names = model_of(scene).outputs
+    if not any(at in (name, name.rpartition(".")[0]) for name in names):
+        raise ValueError(f"at must be one of {', '.join(names)}, got {at!r}")
+
+
+def limit_of_pairs(scene: Scene, target: Target, at: str | None) -> Limit | None:
+    """The limit that impacts of several pairs must not exceed; None for a target that has none.
+
+    Raises `NotApplicable` for targets that cannot be sized where there are several coordinates or
+    pairs.
+    """
+    model = model_of(scene)
+    if not model.pairs:
+        raise NotApplicable(
+            "size", ["the scene needs an impact_pair for every gap that is to be sized"]
+        )
+    if target.exceedance is None:
+        return None
+    if is_speed(target.name):
+        return Limit(target.name, target.value)
+    check_forces(model)
+    return Limit(target.name, target.value, outputs_of(scene, at))
+
+
+def check_laws(scene: Scene, target: Target) -> None:
+    """Raise `NotApplicable` where the laws of the stops do not determine the target."""
+    if not scene.impact_pairs:
+        raise NotApplicable("size", [f"{target.name} needs an impact_pair, for its law"])
+    rigid = [side for side, law in scene.impact_pairs[0].stops() if law.rigid]
+    if target.exceedance is not None and not is_speed(target.name) and rigid:
+        raise NotApplicable(
+            "size",
+            [
+                f"peak_acceleration needs the stiffness of the stops, and the {rigid[0]} stop has "
+                "only a restitution (law.kind = 'restitution'); give an elastic, viscoelastic, "
+                "hertz or table law"
+            ],
+        )
+
+
+# ------------------------------------------------------------------------------
+# Probabilities that the hardest impact of a mission exceeds a limit, over limits and clearances.
+#
+# Where first impacts are rare, clusters are simulated from first impacts on, and fast first impacts
+# are drawn more often and weighted. Where clusters follow without a pause, windows of the whole
+# motion are simulated.
+# ------------------------------------------------------------------------------
+
+
+LIMITS = 16
+"""Number of limits on a curve of probabilities; each is the same multiple of the one before."""
+
+WIDENING = 2.5
+"""Factor on the speeds of every second first impact, so that rare hard impacts are seen as well."""
+
+MARKS = 3
+"""Number of limits that are followed over all clearances where the caller gives none."""
+
+FEWEST = 5
+"""Smallest number of clusters, or windows, with an impact as hard as a limit for which its
+probability is given."""
+
+REL_ERROR = 0.1
+"""Relative standard error to which the rate of impacts, or of impacts beyond the first mark, is
+simulated."""
+
+MOST_ERROR = 0.5
+"""Relative standard error above which a probability is left out."""
+
+WINDOW, MOST_WINDOWS = 18.0, 4096
+"""Length (s) and largest number of the windows of the whole motion that are simulated where impacts
+come without a pause."""
+
+
+def event_of(scene: Scene) -> str:
+    """The quantity by which the hardest impact is judged: its peak acceleration or, where a stop is
+    rigid and has no stiffness, its speed."""
+    rigid = any(stop.rigid for stop in model_of(scene).stops)
+    return IMPACT_SPEED if rigid else PEAK_ACCELERATION
+
+
+@sampled
+def exceedances(
+    scene: Scene,
+    clearances: Sequence[float],
+    mission: float,
+    *,
+    event: str | None = None,
+    marks: Sequence[float] = (),
+    **options: Unpack[RunOptions],
+) -> pd.DataFrame:
+    """Probability that any impact of a mission exceeds a limit: over limits, at each clearance.
+
+    Parameters
+    ----------
+    scene
+        One oscillator under Gaussian noise between stops, whose laws are kept.
+    clearances
+        Metres per side from the static equilibrium.
+    event
+        "peak_acceleration" (absolute, m/s^2, while a stop is touched) or "impact_speed" (m/s); by
+        default `event_of`.
+    marks
+        Limits for which every clearance has a row where their probability is known; that of the
+        first one is found to `REL_ERROR` if the budget allows it. By default, and where no
+        clearance exceeds any of them often enough, limits that most clearances have in common.
+    **options
+        `RunOptions`: `budget` is that of all clearances together.
+
+    Returns
+    -------
+    pandas.DataFrame
+        `clearance` (m), `event`, `limit` (SI), `mark` (whether the limit is one of the
+        marks), `probability` with its 95 % limits
+        `probability_low`, `probability_high`, and `by`, "bursts" or "windows". Limits that are
+        exceeded too seldom for a standard error are left out; so is a clearance at which no limit
+        is left.
+    """
+    import pandas as pd
+
+    event, run = event or event_of(scene), Run.of(options)
+    unit_of_limit(event)  # refuses others before any work
+    seen: list[TrialExtremes] = []
+    for number, clearance in enumerate(clearances):
+        stopped = at_clearances(scene, clearance)
+        one = replace(run, deadline=run.deadline.share(1.0 / (len(clearances) - number)))
+        seen.append(
+            _by_bursts(stopped, event, mission, marks, one)
+            or _by_windows(stopped, event, mission, one)
+        )
+    marks = [mark for mark in marks if any(each.chance(mark) for each in seen)] or _common(seen)
+    rows = [
+        {"clearance": clearance, "event": event, "limit": limit, "mark": limit in marks,
+         "probability": value, "probability_low": low, "probability_high": high, "by": each.by}
+        for clearance, each in zip(clearances, seen, strict=True)
+        for limit in sorted({*each.limits(), *marks})
+        if (found := each.chance(limit)) is not None
+        for value, low, high in (found,)
+    ]  # fmt: skip
+    names = ["clearance", "event", "limit", "mark"]
+    more = ["probability", "probability_low", "probability_high", "by"]
+    return pd.DataFrame(rows, columns=[*names, *more])
+
+
+Chance = tuple[float, float, float]
+"""A probability and its 95 % limits."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrialExtremes(ABC):
+    """Largest speeds, or accelerations, of trials at one clearance."""
+
+    largest: Vector
+    mission: float
+
+    by: ClassVar[str]
+
+    @abstractmethod
+    def chance(self, limit: float) -> Chance | None:
+        """Probability that the limit is exceeded in the mission; None where that is not known."""
+
+    def ends(self) -> tuple[float, float] | None:
+        """A limit that nearly every trial exceeds, and one that few do."""
+        ordered = np.sort(self.largest[self.largest > 0.0])
+        if len(ordered) <= FEWEST:
+            return None
+        return float(ordered[len(ordered) // 50]), float(ordered[-FEWEST])
+
+    def limits(self) -> list[float]:
+        """Limits of a curve."""
+        ends = self.ends()
+        return [] if ends is None else [float(f"{x:.4g}") for x in np.geomspace(*ends, LIMITS)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Bursts(TrialExtremes):
+    """Clusters from first impacts on, each with a weight."""
+
+    event: str
+    bursts: Bursts
+
+    by = "bursts"
+
+    def chance(self, limit: float) -> Chance | None:
+        rate = self.bursts.exceedance_rate(self.event, limit)
+        if not rate.value or rate.standard_error > MOST_ERROR * rate.value:
+            return None
+        half = rate.half_width_95()
+        rates = (rate.value, max(rate.value - half, 0.0), rate.value + half)
+        value, low, high = (-math.expm1(-each * self.mission) for each in rates)
+        return value, low, high
+
+
+@dataclass(frozen=True, eq=False)
+class _TrialWindows(TrialExtremes):
+    """Windows of the whole motion, of this length in s, taken for independent."""
+
+    window: float
+
+    by = "windows"
+
+    def chance(self, limit: float) -> Chance | None:
+        return None if self.exceeding(limit) < FEWEST else self.interval(limit)
+
+    def exceeding(self, limit: float) -> int:
+        """Number of windows in which the limit is exceeded."""
+        return int((self.largest > limit).sum())
+
+    def estimate(self, limit: float) -> Estimate:
+        """The probability in the mission, or its upper limit where few windows exceed the limit."""
+        value, low, high = self.interval(limit)
+        how = f"{self.exceeding(limit)} of {len(self.largest)} windows"
+        if self.exceeding(limit) < FEWEST:
+            return Estimate(value=0.0, upper_95=high, how=how)
+        return Estimate(value=value, standard_error=(high - low) / (2.0 * GAUSSIAN_95), how=how)
+
+    def interval(self, limit: float) -> Chance:
+        """The probability in the mission and its 95 % limits, however few windows exceed the
+        limit."""
+        count, trials = self.exceeding(limit), len(self.largest)
+        windows = self.mission / self.window
+        value, low, high = (
+            1.0 if chance >= 1.0 else -math.expm1(windows * math.log1p(-chance))
+            for chance in (count / trials, *binomial_interval(count, trials))
+        )
+        return value, low, high
+
+
+def _common(seen: Sequence[TrialExtremes]) -> tuple[float, ...]:
+    """Limits of two digits whose probability is known at as many clearances as possible."""
+    ends = [each for each in (one.ends() for one in seen) if each is not None]
+    if not ends:
+        return ()
+    low = max(each[0] for each in ends)
+    high = min(each[1] for each in ends)
+    if not high > low:
+        low, high = min(each[0] for each in ends), max(each[1] for each in ends)
+    spaced = np.geomspace(low, high, MARKS + 2)[1:-1]
+    return tuple(dict.fromkeys(float(f"{limit:.2g}") for limit in spaced))
+
+
+def _by_bursts(
+    scene: Scene, event: str, mission: float, marks: Sequence[float], run: Run
+) -> _Bursts | None:
+    """Trials by clusters; None where clusters do not end, or overlap."""
+    wanted: Callable[[Bursts], Estimate] = Bursts.hit_rate
+    if marks:
+        wanted = partial(Bursts.exceedance_rate, name=event, limit=marks[0])
+    try:
+        found: Bursts = partial_result(
+            bursts, scene, wanted=wanted, widening=WIDENING, **run.options(rel_error=REL_ERROR)
+        )
+    except NotApplicable:
+        return None
+    return _Bursts(found.largest(event), mission, event, found) if found.apart else None
+
+
+def _by_windows(scene: Scene, event: str, mission: float, run: Run) -> _TrialWindows:
+    """Trials by windows of the whole motion, as many as the time allows."""
+    window = min(WINDOW, mission)
+    parts = run.until(window_sampler(scene, event, window, run.seed), MOST_WINDOWS).sample
+    return _TrialWindows(_largest(parts), mission, window)
+
+
+def window_sampler(scene: Scene, event: str, window: float, seed: int) -> WindowSampler:
+    """Windows of one oscillator, s, in which every contact counts, however slow."""
+    model = shaken_by_tables(model_of(scene))
+    return WindowSampler(plan_modal_tables(model, 0.0, window), event, model.outputs, seed)
+
+
+def _largest(sample: list[Vector]) -> Vector:
+    """(windows,): the largest speed or acceleration of each window."""
+    return np.concatenate([part[0].max(axis=0) for part in sample])
+
+
+@sampled
+def chance_in_windows(
+    scene: Scene, event: str, limit: float, mission: float, *, accepted: float,
+    **options: Unpack[RunOptions],
+) -> Estimate | None:  # fmt: skip
+    """Probability that any impact of a mission exceeds a limit, by windows of the whole motion,
+    however closely impacts follow each other: sampled until its interval lies on one side of an
+    `accepted` probability, or the budget ends. None where windows are not simulated.
+    """
+    window, run = min(WINDOW, mission), Run.of(options)
+    try:
+        sampler = window_sampler(scene, event, window, run.seed)
+    except NotApplicable:
+        return None
+
+    def more(parts: list[Vector]) -> int:
+        seen = _TrialWindows(_largest(parts), mission, window)
+        _, low, high = seen.interval(limit)
+        known = high <= accepted or low > accepted
+        return 0 if known else len(seen.largest)  # few looks: each may err once in 40
+
+    parts = run.until(sampler, LEAST_WINDOWS, more).sample
+    return _TrialWindows(_largest(parts), mission, window).estimate(limit)
+
+
+LEAST_WINDOWS = 1024
+"""Number of windows at the first look at a probability."""

@@ -5,34 +5,41 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
 from scipy.optimize import brentq
 from scipy.special import gammaln, roots_genlaguerre
 
-from stochvi.isolators.sizing.answer import Sizing
-from stochvi.isolators.sizing.chance_at_stops import are_uneven, mean_gaps
-from stochvi.isolators.sizing.changes import Tolerances, changed_stops, ends_of
-from stochvi.isolators.sizing.nominal import nominal_sizing
-from stochvi.isolators.sizing.one_curve import risk_curve
-from stochvi.isolators.sizing.question import Question
+from stochvi.isolators.sizing.answer import Question, Sizing, are_uneven, mean_gaps
+from stochvi.isolators.sizing.pairs import nominal_sizing, risk_curve
 from stochvi.isolators.sizing.risk_curve import RiskCurve, chance_of_stops
-from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.fast_peaks import Hermite
+from stochvi.isolators.tolerances import (
+    WORST,
+    Change,
+    Region,
+    SameRisk,
+    Tolerances,
+    all_applied,
+    changed_stops,
+    ends_of,
+    ends_of_stops,
+    worded,
+)
+from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.spectra import Table
-from stochvi.model.calculations import calculation
+from stochvi.mathematics.unsteady_noise import Hermite
 from stochvi.model.model import model_of
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged, StochviError
-from stochvi.sampling.options import AccuracyOptions
+from stochvi.sampling.calculations import AccuracyOptions, WorkOptions, calculation
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
     import pandas as pd
-
 
 RESTITUTION_STEP, STIFFNESS_FACTOR = 0.1, 2.0
 """Change of the restitution, and factor on the stiffness, by which the stops of a scene are
@@ -104,7 +111,7 @@ def sensitivity(sizing: Sizing, **options: Unpack[AccuracyOptions]) -> pd.DataFr
 
     Examples
     --------
-    >>> from stochvi.isolators.sizing.method import size
+    >>> from stochvi.isolators.sizing.size import size
     >>> from stochvi.scenes.excitations import WhiteNoise
     >>> from stochvi.scenes.structures import Isolator
     >>> scene = Scene(
@@ -374,7 +381,7 @@ def slow_bursts(curve: RiskCurve, clearance: float, kurtosis: float, mission: fl
 
     Examples
     --------
-    >>> from stochvi.sampling.options import DEFAULTS
+    >>> from stochvi.sampling.calculations import DEFAULTS
     >>> from stochvi.sampling.run import Run
     >>> from stochvi.sampling.workers import pool_of
     >>> from stochvi.scenes.excitations import WhiteNoise
@@ -408,3 +415,123 @@ def _nearly_constant(shape: float) -> tuple[Vector, Vector]:
     variance 1 / shape."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(9)
     return 1.0 + nodes / math.sqrt(shape), weights / math.sqrt(2.0 * math.pi)
+
+
+# ------------------------------------------------------------------------------
+# The clearance that the same target needs at the ends of tolerances, and at the worst within.
+# ------------------------------------------------------------------------------
+
+
+REL_ERROR = 0.2
+"""Relative error of the risk of a changed scene: that of its clearance c is 0.2 sigma^2 / c^2, some
+1 %, because the risk falls nearly as exp(-c^2 / (2 sigma^2))."""
+
+FIRST_SHARE = 0.3
+"""Share of the time for the worst place; the single changes share the rest evenly."""
+
+
+@sampled
+def worst_case(
+    sizing: Sizing, tolerances: Tolerances | None = None,
+    **options: Unpack[WorkOptions],
+) -> pd.DataFrame:  # fmt: skip
+    """Clearances for the target of a sizing with mount, level and stops within their tolerances.
+
+    Every row is a scene of its own that is sized for the target, with the seed of the sizing. The
+    last row is the largest requirement of the whole region, of several pairs for each by itself.
+    The places where linear theory asks for most (`Region.worst`) are sized like the others, with
+    the stiffness of the stops at both ends. No row is larger.
+
+    Parameters
+    ----------
+    tolerances
+        By default those of the sizing.
+    **options
+        `WorkOptions`: `budget` is that of all rows together.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The columns of `sensitivity`, clearances from the mean position of the sizing. The first row
+        is the sizing itself, the last one, where there are tolerances, the worst.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.structures import Isolator
+    >>> from stochvi.scenes.scene import Scene
+    >>> scene = Scene(
+    ...     structure=Isolator(frequency_hz=10.0, zeta=0.05),
+    ...     excitations=[WhiteNoise(density=0.01, unit="g2/Hz")],
+    ... )
+    >>> from stochvi.isolators import size
+    >>> table = worst_case(size(scene, probability=0.01, rel_error=0.2), Tolerances(level_db=3.0))
+    >>> table["change"].iloc[-1]
+    'worst within all tolerances: level +3 dB'
+    """
+    import pandas as pd
+
+    scene = sizing.scene
+    run = replace(Run.of(options), seed=sizing.seed, rel_error=REL_ERROR)
+    again = Resizing(sizing=sizing, run=run)
+    tolerances = tolerances or sizing.allowed
+    by_hits = sizing.target.name != "probability"
+    stops = ends_of_stops(scene, tolerances.felt(scene, by_hits=by_hits))
+    nominal = {name: each.value for name, each in sizing.named.items()}
+    chance = math.nan if sizing.any_hit is None else sizing.any_hit
+    rows = [row_of("as stated", sizing, nominal, chance, sigma=sizing.sigma)]
+    ends = ends_of(tolerances)
+    if not ends and not stops:
+        return pd.DataFrame(rows)
+
+    run.tell(0.0, "the worst place within the tolerances")
+    try:
+        linear = _linear_worst(sizing, tolerances, run.deadline)
+    except (NotConverged, Interrupted) as reason:
+        worst = [row_of(WORST, sizing, {}, math.nan, note=str(reason))]
+    else:
+        places = [(*each, end) for each in linear for end in stops] or linear
+        first = run.deadline.share(FIRST_SHARE / len(places))
+        worst = [
+            again.row(worded(place), all_applied(place, scene), run.part(0.0, 0.0, deadline=first))
+            for place in places
+        ]
+    rows += again.rows([(change.words, change.applied(scene)) for change in (*ends, *stops)])
+    return pd.DataFrame([*rows, _largest(worst, rows[1:], [*nominal])])
+
+
+def _largest(
+    worst: list[dict[str, Any]], rows: list[dict[str, Any]], names: list[str]
+) -> dict[str, Any]:
+    """The largest clearance of each name in some rows; a worst place that was not sized leaves it
+    unknown."""
+    unknown = [row for row in worst if any(math.isnan(row[name]) for name in names)]
+    known = [row for row in (*worst, *rows) if not any(math.isnan(row[name]) for name in names)]
+    of = {name: unknown[0] if unknown else max(known, key=itemgetter(name)) for name in names}
+    places: dict[str, list[str]] = {}
+    for name, row in of.items():
+        places.setdefault(row["change"], []).append(name)
+    words = "; ".join(
+        place if len(places) == 1 else f"{place} ({', '.join(at)})" for place, at in places.items()
+    )
+    return {
+        **max(of.values(), key=itemgetter("clearance_change")),
+        **{name: row[name] for name, row in of.items()},
+        "change": WORST if words == WORST else f"{WORST}: {words}",
+        "probability": max(row["probability"] for row in of.values()),
+        "note": "; ".join(filter(None, dict.fromkeys(row["note"] for row in of.values()))),
+    }
+
+
+def _linear_worst(
+    sizing: Sizing, tolerances: Tolerances, deadline: Deadline
+) -> list[tuple[Change, ...]]:
+    """Where in the region linear theory asks for the largest clearance of each sized pair."""
+    region, harm = Region(sizing.scene, tolerances), 1.0
+    if sizing.target.exceedance is not None:
+        harm = min(sizing.target.exceedance / (sizing.any_hit or 1.0), 1.0)
+    names = sizing.pairs["pair"].tolist()
+    common = [names.index(name) for name in sizing.common]
+    same = SameRisk(nominal=region.nominal, stops=sizing.stops, harm=harm, common=common)
+    found = region.worst(same, deadline)
+    return list(dict.fromkeys(found[k][1] for k in sizing.sized_pairs))

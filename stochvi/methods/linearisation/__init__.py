@@ -22,15 +22,16 @@ damping lets impacts come in clusters. Between two stops it is the closure with 
 """
 
 from stochvi.methods.linearisation.array_closure import Linearised, linearise_many
-from stochvi.methods.linearisation.linearised_oscillator import (
+from stochvi.methods.linearisation.one_form import (
+    FORMS,
+    VARIANTS,
     LinearisedOscillator,
-    linearised_oscillators,
-)
-from stochvi.methods.linearisation.linearised_structure import (
     LinearisedStructure,
+    linearise,
+    linearise_all,
+    linearised_oscillators,
     linearised_structures,
 )
-from stochvi.methods.linearisation.method import FORMS, VARIANTS, linearise, linearise_all
 
 __all__ = [
     "FORMS",

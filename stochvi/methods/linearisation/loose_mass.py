@@ -25,12 +25,11 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid, trapezoid
 from scipy.interpolate import RegularGridInterpolator
 
-from stochvi.mathematics.arrays import Vector
-from stochvi.model.balances import residuals
-from stochvi.model.build_response import build_response
+from stochvi.mathematics.numerics import Vector
+from stochvi.model.build_response import build_response, residuals
 from stochvi.model.model import Model, Pair
+from stochvi.results.base import CoordinateResponse, PairResponse, Response
 from stochvi.results.estimates import Cost, Estimate
-from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.datasets import data_folder
 from stochvi.scenes.scene import Scene
 

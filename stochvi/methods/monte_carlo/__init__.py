@@ -1,15 +1,15 @@
 """Monte Carlo of vibro-impact scenes: many paths at once, impacts inside the step."""
 
-from stochvi.methods.compile_time import leave_out_of_budgets
-from stochvi.methods.monte_carlo.simulate import (
+from stochvi.methods.monte_carlo.plan import Statistic
+from stochvi.methods.monte_carlo.simulation import (
     Prospect,
     prospect,
     record_path,
     record_paths,
     simulate,
 )
-from stochvi.methods.monte_carlo.statistic import Statistic
-from stochvi.sampling.options import SamplingOptions
+from stochvi.sampling.calculations import SamplingOptions
+from stochvi.sampling.workers import leave_out_of_budgets
 
 leave_out_of_budgets()
 

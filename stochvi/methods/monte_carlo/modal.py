@@ -12,15 +12,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from stochvi.engine.alone import MOST_SWEEPS
-from stochvi.engine.characteristic import Affine
-from stochvi.engine.characteristic_calls import Characteristics
-from stochvi.engine.compiled_laws import Stops, functions_of, stops_of
-from stochvi.engine.impact_log import NO_RECORD, Log
-from stochvi.engine.pushes import MOMENTS, MOST_TERMS, Responses, responses_of
-from stochvi.engine.statistic_calls import Statistics
-from stochvi.mathematics.arrays import Matrix, Vector
-from stochvi.mathematics.state_space import square_root, step_covariance, transition
+from stochvi.engine.arithmetic import NO_RECORD, Log
+from stochvi.engine.calls import Characteristics, Statistics, Stops, functions_of, stops_of
+from stochvi.engine.contacts import MOST_SWEEPS
+from stochvi.engine.parts import Affine
+from stochvi.engine.sub_steps import MOMENTS, MOST_TERMS, Responses, responses_of
+from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.mathematics.spectra import square_root, step_covariance, transition
 from stochvi.methods.monte_carlo.kernels.modes import (
     Kicks,
     ModalPaths,
@@ -33,16 +31,27 @@ from stochvi.methods.monte_carlo.kernels.modes import (
     run_modes,
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
-from stochvi.methods.monte_carlo.path_statistics import Layout
 from stochvi.methods.monte_carlo.plan import (
     RELAXATIONS,
     Histories,
+    Key,
+    Layout,
+    Statistic,
     SteppedPlan,
     Underway,
+    bias_of_lasting_contact,
+    bias_of_plain_step,
+    bias_of_refined_step,
+    bias_of_smooth_motion,
+    bias_of_sticking,
+    gap_of,
+    key_of_statistic,
     losses_of,
+    lossiest,
+    refines_near_stops,
+    statistics_of,
 )
-from stochvi.methods.monte_carlo.quantities import Key, gap_of, key_of_statistic
-from stochvi.methods.monte_carlo.rigid_white import (
+from stochvi.methods.monte_carlo.white import (
     BOUNCE_PER_STEP,
     COARSE_SHARE,
     DURATION,
@@ -54,29 +63,15 @@ from stochvi.methods.monte_carlo.rigid_white import (
     MOST_STEPS,
     block_of,
     default_threshold,
-)
-from stochvi.methods.monte_carlo.statistic import Statistic, statistics_of
-from stochvi.methods.monte_carlo.step_bias import (
-    bias_of_lasting_contact,
-    bias_of_plain_step,
-    bias_of_refined_step,
-    bias_of_smooth_motion,
-    bias_of_sticking,
-    lossiest,
-    refines_near_stops,
-)
-from stochvi.methods.monte_carlo.steps_of_functions import (
     longest_at_stops,
     longest_between_stops,
 )
-from stochvi.model.coverage import compliant, without_noise
+from stochvi.model.coverage import Settling, compliant, slowest_of, without_noise
 from stochvi.model.modal import LinearLaw, ModalForm, linear_law
-from stochvi.model.model import UPPER, Model, Pair
-from stochvi.model.modulation import Settling, slowest_of
-from stochvi.model.no_stationary_state import not_stationary
+from stochvi.model.model import UPPER, Model, Pair, not_stationary
 from stochvi.model.scales import PairScale, Scales, scales_of
 from stochvi.results.errors import NotApplicable
-from stochvi.sampling.stop_flag import check_flag, stop_flag
+from stochvi.sampling.calculations import check_flag, stop_flag
 
 LARGEST_ANGLE = 0.4
 """Largest omega h of a step (rad) for the fastest mode or signal, if any step is free of bias: the

@@ -11,6 +11,7 @@ quarter of them is scaled up to hold the velocity variance beyond.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,16 +21,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import ifft, irfft, next_fast_len, rfft
 
-from stochvi.engine.impact_log import NO_RECORD, Log
-from stochvi.mathematics.arrays import Matrix, Vector, Waves
-from stochvi.mathematics.frequency_response import (
+from stochvi.engine.arithmetic import NO_RECORD, Log
+from stochvi.engine.parts import rate
+from stochvi.engine.sub_steps import CONTACT_ANGLE
+from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
+from stochvi.mathematics.numerics import Matrix, Vector, Waves
+from stochvi.mathematics.spectra import (
     beyond,
     bin_amplitudes,
     bin_variances,
     covariance,
     eigenvalues,
 )
-from stochvi.methods.monte_carlo.drawn_forces import BlockForce, force_of
+from stochvi.mathematics.unsteady_noise import FastPeaks, PeakedRecords, UnreachableKurtosis
 from stochvi.methods.monte_carlo.kernels.modes import (
     Largest,
     Outputs,
@@ -40,6 +44,7 @@ from stochvi.methods.monte_carlo.kernels.modes import (
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import (
+    SUMS_OF_PAIR,
     Aloft,
     Flight,
     ModalPlan,
@@ -49,14 +54,7 @@ from stochvi.methods.monte_carlo.modal import (
     _table,
     basis,
 )
-from stochvi.methods.monte_carlo.modal_contacts import (
-    ModalContactsPlan,
-    check_stiffness,
-    rate_of_contact,
-)
-from stochvi.methods.monte_carlo.plan import Underway
-from stochvi.methods.monte_carlo.quantities import Key, gap_of
-from stochvi.methods.monte_carlo.random_levels import MOST_BLOCKS, levels_of_block
+from stochvi.methods.monte_carlo.plan import Key, Underway, gap_of
 from stochvi.methods.monte_carlo.tabulated import (
     BIN_ERROR,
     BLOCK_RELAXATIONS,
@@ -64,19 +62,249 @@ from stochvi.methods.monte_carlo.tabulated import (
     GAP_PER_SAMPLE,
     LARGEST_BLOCK,
     LARGEST_LOSS,
+    MOST_BLOCKS,
     MOST_DOUBLINGS,
     MOST_SAMPLES,
+    MOST_SUB_STEPS,
     SAMPLES_PER_PERIOD,
     WARM_UP_RELAXATIONS,
     _even_fast_length,
     expected_of_free_motion,
+    levels_of_block,
     rate_on_stops,
 )
+from stochvi.methods.monte_carlo.white import SUMS_OF_A_STOP
+from stochvi.model.coverage import Settling, slowest_of
 from stochvi.model.modal import UNSTABLE, ModalForm
-from stochvi.model.model import UPPER, Model, Pair
-from stochvi.model.modulation import Settling, slowest_of
-from stochvi.model.scales import Scales, scales_of
+from stochvi.model.model import UPPER, Model, Pair, Stop
+from stochvi.model.scales import PairScale, Scales, scales_of
 from stochvi.results.errors import NotApplicable
+from stochvi.scenes.excitations.drawn import Pulses
+from stochvi.scenes.impact_laws import CompliantLaw
+
+# ------------------------------------------------------------------------------
+# Forces that are drawn for a whole block of a simulated record, in the frequency domain: shocks at
+# random times, and noise with fast peaks.
+#
+# The times of shocks are those of a Poisson process in a block, which repeats. Each is put on the
+# samples with the weights of a cubic B-spline, whose transform is taken out again. So the force is
+# that of shocks between samples up to the share (f / (r - f))^4 of frequencies f that are folded at
+# the sampling rate r: 8e-6 at 20 samples in a period.
+#
+# Noise with fast peaks has a sampling of its own, by its own band: its peaks do not depend on how
+# finely the structure is sampled, which takes of it what it responds to.
+# ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class BlockForce(ABC):
+    """A force in blocks of `samples` at an interval of `step` seconds."""
+
+    samples: int
+    step: float
+
+    def bins(self, seed: tuple[int, int], first_path: int, paths: int, number: int) -> Waves:
+        """The force in block `number` of the paths first_path, first_path + 1, ...: its transform
+        (samples // 2 + 1, paths), N, or m/s^2 of the base.
+
+        `seed` is that of the paths, and the number of the excitation.
+        """
+        streams = [(first_path + path) * MOST_BLOCKS + number for path in range(paths)]
+        random = [np.random.default_rng([*seed, stream]) for stream in streams]
+        return np.stack([self._bins(each) for each in random], axis=1)
+
+    @abstractmethod
+    def _bins(self, random: np.random.Generator) -> Waves:
+        """The transform (samples // 2 + 1,) of one path."""
+
+
+@dataclass(frozen=True, eq=False)
+class ForceOfShocks(BlockForce):
+    """Shocks at random times."""
+
+    pulses: Pulses
+
+    def _bins(self, random: np.random.Generator) -> Waves:
+        weights = np.zeros(self.samples)
+        count = random.poisson(self.pulses.rate * self.samples * self.step)
+        times = random.uniform(0.0, self.samples, count)
+        sizes = self.pulses.drawn_sizes(count, random)
+        first = np.floor(times).astype(int)
+        for knot, weight in enumerate(_cubic(times - first)):
+            np.add.at(weights, (first - 1 + knot) % self.samples, sizes * weight)
+        return np.asarray(self._filter * rfft(weights))
+
+    @cached_property
+    def _filter(self) -> Waves:
+        """The force of a shock in the bins over the weights of its time."""
+        assert self.pulses.shock is not None
+        frequency = np.arange(self.samples // 2 + 1) / (self.samples * self.step)
+        transform = self.pulses.size * self.pulses.shock.transform(2.0 * np.pi * frequency)
+        return np.asarray(transform / (self.step * np.sinc(frequency * self.step) ** 4))
+
+
+@dataclass(frozen=True, eq=False)
+class ForceOfPeaks(BlockForce):
+    """Noise with fast peaks."""
+
+    peaks: FastPeaks
+
+    def _bins(self, random: np.random.Generator) -> Waves:
+        records, found = self._records, np.zeros(self.samples // 2 + 1, complex)
+        bins = self.samples / records.samples * records.bins(random, 1)[:, 0]
+        kept = min(len(bins), len(found))
+        found[:kept] = bins[:kept]
+        return found
+
+    @cached_property
+    def _records(self) -> PeakedRecords:
+        return self.peaks.over(self.samples * self.step)
+
+
+def force_of(excitation: Pulses | FastPeaks, samples: int, step: float) -> BlockForce:
+    """What draws an excitation in blocks of so many samples at an interval, s.
+
+    Raises
+    ------
+    NotApplicable
+        If noise of its density cannot have the kurtosis.
+    """
+    if isinstance(excitation, Pulses):
+        return ForceOfShocks(samples, step, excitation)
+    try:
+        excitation.cubic  # noqa: B018
+    except UnreachableKurtosis as reason:
+        raise NotApplicable("simulate", [str(reason)]) from reason
+    return ForceOfPeaks(samples, step, excitation)
+
+
+def _cubic(share: Vector) -> tuple[Vector, Vector, Vector, Vector]:
+    """Weights of a cubic B-spline at the sample before, at the two around and at the one after a
+    time that lies a share of a step beyond a sample."""
+    rest = 1.0 - share
+    return (
+        rest**3 / 6.0,
+        2.0 / 3.0 - share**2 + share**3 / 2.0,
+        2.0 / 3.0 - rest**2 + rest**3 / 2.0,
+        share**3 / 6.0,
+    )
+
+
+# ------------------------------------------------------------------------------
+# Structures of several modes with compliant stops: the plan.
+# ------------------------------------------------------------------------------
+
+
+SUMS_OF_CONTACT_PAIR = (
+    *SUMS_OF_PAIR,
+    *(f"{name}_{side}" for side in ("lower", "upper") for name, _ in SUMS_OF_A_STOP),
+)
+"""Names of the sums over the impacts and the contacts of a pair; forces and powers are per unit of
+the reduced mass. There are ROWS_OF_CONTACT_PAIR of them."""
+
+CONTACT_ENERGY = 2e-6
+"""Relative error of the energy of a structure by a contact with a stop that loses nothing: the mean
+over contacts with linear, Hertzian and tabulated stops of all stiffnesses was 1.2e-6 at most."""
+
+CONTACT_FRICTION = 4e-3
+"""Relative bias of a motion with friction at compliant stops: paths of 12 s with 20 to 30 contacts
+were off by at most 3.4e-3 of their largest displacement, against an integrator by events."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModalContactsPlan(ModalPlan):
+    """Steps, start and lengths where a stop of some pair is compliant (SI units)."""
+
+    @property
+    def method(self) -> str:  # type: ignore[override]
+        """Name of the scheme, for the assumptions of a response."""
+        way = "kick-flow-kick" if self.modes.kicked else "exact steps"
+        return f"{way} in modal coordinates, contacts integrated in sub-steps"
+
+    @property
+    def contacts(self) -> bool:  # type: ignore[override]
+        """Whether impacts on a stop are summed one by one; pairs then have SUMS_OF_CONTACT_PAIR."""
+        return self.model.summed
+
+    @property
+    def sums_of_pair(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Names of the sums over impacts and contacts of a pair."""
+        return SUMS_OF_CONTACT_PAIR if self.contacts else SUMS_OF_PAIR
+
+    @property
+    def relative_bias(self) -> float:
+        """Relative bias from contacts in sub-steps, whose errors of the energy add up for as long
+        as it is remembered, and of friction in them."""
+        if not self.contacts:
+            return 0.0
+        soft = any(
+            stop.law.friction_coefficient and not stop.rigid
+            for pair in self.model.pairs
+            for stop in pair.stops
+        )
+        return CONTACT_ENERGY * self.hits_in_a_cluster + (CONTACT_FRICTION if soft else 0.0)
+
+    @cached_property
+    def _fastest_of_contacts(self) -> float | None:
+        """Fastest rate of the structure in contacts, rad/s; None where all stops are rigid."""
+        if not self.contacts:
+            return None
+        if self.modes.kicked:
+            return self.modes.fastest
+        return max(self.modes.fastest, float(np.linalg.eigvalsh(self.modes.damping)[-1]))
+
+
+def plan_modal_contacts(
+    model: Model, threshold: float | None, duration: float | None
+) -> ModalContactsPlan:
+    """Choose step, burn-in and length where a stop of some pair is compliant.
+
+    Raises
+    ------
+    NotApplicable
+        Where there is no stationary state, or a mass stays on a stop that is too stiff.
+    """
+    plan = ModalContactsPlan(**basis(model, threshold, duration))
+    check_stiffness(plan)
+    return plan
+
+
+def rate_of_contact(pair: Pair, stop: Stop, scale: PairScale) -> float:
+    """Fastest rate (rad/s) of a contact with a stop at the scale of its pair; infinite on a rigid
+    one."""
+    if not isinstance(stop.law, CompliantLaw):
+        return math.inf
+    law = stop.law.per_unit_mass(pair.mass).compiled()
+    return float(rate(law, 0.0, scale.speed, scale.pressing))
+
+
+def check_stiffness(plan: ModalContactsPlan) -> None:
+    """Raise NotApplicable for a stop that is too stiff to be followed while a mass stays on it.
+
+    A mass stays where it is pressed onto the stop, or comes to rest there.
+    """
+    unmet = []
+    for pair, scale in zip(plan.model.pairs, plan.pairs, strict=True):
+        for stop in pair.stops:
+            stays = scale.pressing > 0.0 or stop.law.restitution <= COLLAPSE_RESTITUTION
+            if not (isinstance(stop.law, CompliantLaw) and stays):
+                continue
+            fastest = rate_of_contact(pair, stop, scale)
+            needed = plan.step * math.hypot(fastest, plan.modes.fastest) / CONTACT_ANGLE
+            if needed > MOST_SUB_STEPS:
+                unmet.append(
+                    f"a mass that stays on the {stop.name} stop of {pair.name}, which is this "
+                    f"stiff, needs {needed:.2g} sub-steps in each step, at most {MOST_SUB_STEPS} "
+                    "are made; take a rigid stop (law.kind = 'restitution')"
+                )
+    if unmet:
+        raise NotApplicable("simulate", unmet)
+
+
+# ------------------------------------------------------------------------------
+# Tabulated noise on structures of several modes:
+# ------------------------------------------------------------------------------
+
 
 LINE_SECONDS, PAIR_SECONDS = 1.5e-4, 1.5e-5
 """Seconds that a line of a table adds to a plan with stops, once and for each pair of the

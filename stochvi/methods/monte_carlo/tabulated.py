@@ -28,51 +28,113 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import ifft, irfft, next_fast_len, rfft
 
-from stochvi.engine.impact_log import NO_LOG, NO_RECORD, Log
-from stochvi.engine.law import rate
-from stochvi.engine.mass_contacts import CONTACT_ANGLE
-from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
-from stochvi.mathematics.quadrature import gauss_legendre
-from stochvi.mathematics.sampled_passages import moments_of_rises
+from stochvi.engine.arithmetic import NO_LOG, NO_RECORD, Log
+from stochvi.engine.parts import rate
+from stochvi.engine.sub_steps import ANGLE_OF_ONE_MASS
+from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, moments_of_rises
+from stochvi.mathematics.numerics import Matrix, gauss_legendre
 from stochvi.mathematics.spectra import Table, band_of_velocity, response_moments, squared_gain
 from stochvi.mathematics.units import density_from_intensity, intensity_from_density
-from stochvi.methods.monte_carlo.compliant_white import CONTACT_ROWS
-from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
-from stochvi.methods.monte_carlo.kernels.response_domain import (
+from stochvi.mathematics.unsteady_noise import RandomLevel
+from stochvi.methods.monte_carlo.kernels.flight import (
+    N_LOWER,
+    NO_EXTREMES,
+    RigidStop,
+    Sampling,
+    Sums,
+)
+from stochvi.methods.monte_carlo.kernels.one_mass import (
     add_free_motion,
     fill_spectrum,
     run_response,
 )
-from stochvi.methods.monte_carlo.kernels.rows import N_LOWER, NO_EXTREMES, Sums
-from stochvi.methods.monte_carlo.kernels.steps import RigidStop, Sampling
-from stochvi.methods.monte_carlo.mass_stops import StopsOfMass, stops_of_mass
-from stochvi.methods.monte_carlo.path_statistics import Layout
+from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.methods.monte_carlo.plan import (
     Histories,
+    Layout,
     Records,
     Underway,
+    bias_of_lasting_contact,
+    bias_of_plain_step,
+    bias_of_smooth_motion,
     columns_of_one,
     histories_of_one,
     layout_of_one,
     losses_of,
+    lossiest,
 )
-from stochvi.methods.monte_carlo.random_levels import MOST_BLOCKS, levels_of_block
-from stochvi.methods.monte_carlo.rigid_white import (
+from stochvi.methods.monte_carlo.white import (
     COARSE_SHARE,
+    CONTACT_ROWS,
+    StopsOfMass,
     default_threshold,
     pressing,
     pressing_onto,
-)
-from stochvi.methods.monte_carlo.step_bias import (
-    bias_of_lasting_contact,
-    bias_of_plain_step,
-    bias_of_smooth_motion,
-    lossiest,
+    stops_of_mass,
 )
 from stochvi.model.model import Model, Signal, Stop
 from stochvi.results.errors import NotApplicable
-from stochvi.sampling.stop_flag import stop_flag
+from stochvi.sampling.calculations import stop_flag
 from stochvi.scenes.impact_laws import CompliantLaw
+
+# ------------------------------------------------------------------------------
+# Levels that vary at random, for simulated records of noise of varying level.
+#
+# The level in decibels is known at knots, of which many fall into its correlation time, and is
+# straight between them. Knots do not depend on the sampling: records at half the rate have the same
+# level. The record of a block repeats, but its level does not: it jumps before the warm-up, which
+# the
+# end of the block is.
+# ------------------------------------------------------------------------------
+
+
+MOST_BLOCKS = 2**20
+"""Largest number of blocks of a path. Each block has a random stream of its own, numbered from
+path * MOST_BLOCKS; levels have those from half of this number on."""
+
+KNOTS = 200.0
+"""Knots in a correlation time. Between them the mean square of the level in decibels is too small
+by 1 / (3 KNOTS) on average, which changes a kurtosis of 5 by 0.02 %."""
+
+
+def levels_of_block(
+    level: RandomLevel, seed: int, first_path: int, paths: int, number: int,
+    *, samples: int, step: float, before: int,
+) -> Matrix:  # fmt: skip
+    """Levels (samples, paths) of block `number` of the paths first_path, first_path + 1, ...
+
+    Parameters
+    ----------
+    before
+        Samples of the warm-up at the end of the block, whose times lie before 0, and of the one
+        from which they begin.
+    """
+    from scipy.signal import lfilter  # takes a second to import
+
+    times = step * ((np.arange(samples) + before) % samples)
+    spacing = level.time / KNOTS
+    count = math.ceil(times.max() / spacing) + 2
+    streams = np.empty((2, paths), np.uint64)
+    for index in range(paths):
+        stream = (first_path + index) * MOST_BLOCKS + MOST_BLOCKS // 2 + number
+        seed_streams(np.uint64(seed), stream, streams[:, index : index + 1])
+    half = math.ceil(count / 2)
+    first, second = np.empty((2, half, paths))
+    normal_rows(streams[0], streams[1], first, second)
+    noise = np.stack([first, second], axis=1).reshape(2 * half, paths)[:count]
+    decay = math.exp(-1.0 / KNOTS)
+    noise[1:] *= math.sqrt(-math.expm1(-2.0 / KNOTS))
+    normal = lfilter([1.0], [1.0, -decay], noise, axis=0)
+    place = times / spacing
+    knot = place.astype(int)
+    share = (place - knot)[:, None]
+    return level.gain((1.0 - share) * normal[knot] + share * normal[knot + 1])
+
+
+# ------------------------------------------------------------------------------
+# Tabulated noise on one oscillator:
+# ------------------------------------------------------------------------------
+
 
 SAMPLES_PER_PERIOD = 20.0
 """Smallest number of samples in a natural period. There are more if the response to the table is
@@ -800,7 +862,7 @@ def _too_stiff(model: Model, speed: float, step: float) -> list[str]:
         if push <= 0.0 and stop.law.restitution > COLLAPSE_RESTITUTION:
             continue
         fastest = rate(stop.law.compiled(), 0.0, speed, max(push, 0.0))
-        needed = step * math.hypot(fastest, model.omega, model.damping_rate) / CONTACT_ANGLE
+        needed = step * math.hypot(fastest, model.omega, model.damping_rate) / ANGLE_OF_ONE_MASS
         if needed > MOST_SUB_STEPS:
             found.append(
                 f"a mass that stays on a stop this stiff needs {needed:.2g} sub-steps per sample, "

@@ -1,19 +1,30 @@
-from .answer import (
+from .attracted import (
+    BasinRegime,
+    Basins,
+    Bifurcation,
+    BifurcationSweep,
+    basins,
+    bifurcation,
+    lyapunov_exponent,
+)
+from .resonance import (
+    HarmonicResonance,
+    Motor,
+    RandomResonance,
+    RelayBetweenStops,
+    StructureResonance,
+    SwitchedDrive,
+    sine_power,
+)
+from .sine_response import (
     Branch,
     HarmonicResponse,
     Jump,
     RandomStarts,
     SimulatedSweep,
     SpecialPoint,
+    harmonic_response,
 )
-from .basins import BasinRegime, Basins, basins
-from .bifurcation import Bifurcation, BifurcationSweep, bifurcation, lyapunov_exponent
-from .method import harmonic_response
-from .motor import Motor, sine_power
-from .relay import RelayBetweenStops
-from .resonance import HarmonicResonance, RandomResonance
-from .structure_resonance import StructureResonance
-from .switched_drive import SwitchedDrive
 
 __all__ = [
     "BasinRegime",

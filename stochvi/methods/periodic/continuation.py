@@ -10,13 +10,463 @@ from __future__ import annotations
 
 import bisect
 import itertools
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.methods.periodic.family import Numbers, amplitudes
+from stochvi.methods.periodic.kernels import solver
 from stochvi.methods.periodic.kernels.solver import WEIGHT
+
+# ------------------------------------------------------------------------------
+# The states of one periodic regime, from the phases of its impacts.
+# ------------------------------------------------------------------------------
+
+
+def pattern_of(stops: Sequence[int], periods: int) -> solver.Pattern:
+    """Impacts on the stops of these numbers, in this order, in periods of the force."""
+    return solver.Pattern(np.array(stops, np.int64), periods)
+
+
+def states_of(motion: solver.Motion, pattern: solver.Pattern, theta: Vector) -> Matrix | None:
+    """The states (impacts, 2 n) before impacts at the phases theta, or without impacts the one
+    (1, 2 n) at the phase 0; None where there is no such motion, or no single one."""
+    count = len(pattern.stops)
+    if not count:
+        state = unstruck(motion)
+        return None if state is None else state[None]
+    states, left = np.empty((count, 2 * motion.rows.shape[1])), np.empty(count)
+    found = solver.residual(motion, pattern, theta, states, left, np.empty((0, 0)))
+    return states if found else None
+
+
+def unstruck(motion: solver.Motion) -> Vector | None:
+    """The state (2 n,) at the phase 0 of the motion without impacts; None where there is none, or
+    no single one."""
+    two = 2 * motion.rows.shape[1]
+    whole = solver.transition(motion.generator, 2.0 * math.pi / motion.omega)
+    w, driven = np.empty(len(whole) - two), np.empty(two)
+    solver.force_state(motion, 0.0, w)
+    solver.apply(np.ascontiguousarray(whole[:two, two:]), w, driven)
+    state = driven[:, None].copy()
+    return state[:, 0] if solver.solve(np.eye(two) - whole[:two, :two], state) else None
+
+
+# ------------------------------------------------------------------------------
+# Regimes whose impacts are even in time: all of them, from the roots of a polynomial.
+# ------------------------------------------------------------------------------
+
+
+NEAR_CIRCLE = 1e-3
+"""Distance from the unit circle up to which a root counts as a phase; at a grazing two roots meet
+on it."""
+
+TOLERANCE = 1e-9
+"""Depth to which a regime may pass a stop, relative to the unit of length; rounding error stays
+below it."""
+
+NOTHING = 1e-13
+"""Distance at the first impact, relative to the gap, up to which it counts as zero; rounding error
+stays below it."""
+
+
+ROOT_STEPS = 20_000
+"""Largest number of steps of a period, so that a regime takes fractions of a second."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EvenRegime:
+    """A periodic motion whose impacts are even in time (SI units).
+
+    Parameters
+    ----------
+    phase
+        Phases of the force at the impacts, rad.
+    displacement, velocity
+        The coordinates just before the first impact.
+    impact_speed
+        Incident speeds.
+    amplitude
+        Amplitude of the first harmonic of the output, m.
+    multiplier
+        Largest modulus of the factors of small perturbations over the period of the regime.
+    admissible
+        Whether it meets no stop besides these impacts.
+    """
+
+    phase: Vector
+    displacement: Vector
+    velocity: Vector
+    impact_speed: Vector
+    amplitude: float
+    multiplier: float
+    admissible: bool
+
+
+def even_phases(motion: solver.Motion, stops: Sequence[int], periods: int) -> Matrix:
+    """Phases (number, impacts) at which impacts evenly in time meet the first stop.
+
+    The distance at the first impact is a sum of harmonics of its phase, so that all its roots are
+    known: all regimes of one impact, and the symmetric ones of two between equal stops.
+    """
+    waves = _waves(motion, stops, periods)
+    if not np.all(np.isfinite(waves)) or not np.any(waves[:-1]):
+        return np.empty((0, len(stops)))
+    roots = np.roots(waves)
+    first = np.angle(roots[np.abs(np.abs(roots) - 1.0) < NEAR_CIRCLE])
+    return np.asarray(first[:, None] + _apart(stops, periods))
+
+
+def even_regimes(numbers: Numbers, stops: Sequence[int], periods: int = 1) -> list[EvenRegime]:
+    """The regimes with impacts on the given stops, in this order and even in time, the fastest
+    first. Those of several impacts are symmetric between equal stops."""
+    units, length, duration = numbers.units()
+    motion, shapes = numbers.motion(units), numbers.shapes / units.shapes
+    steps = 2.0 * math.pi * periods / motion.omega / solver.step_of(motion)
+    if not 0.0 < steps <= ROOT_STEPS:
+        raise ValueError(
+            f"a period of omega must take at most {ROOT_STEPS} steps, got {steps:.3g}; ask for a "
+            "higher frequency"
+        )
+    pattern, speed, n = pattern_of(stops, periods), length / duration, len(shapes)
+    states = np.empty((len(stops), 2 * n))
+    found = []
+    for theta in even_phases(motion, stops, periods):
+        if not solver.settle(motion, pattern, theta, states):
+            continue
+        rows = motion.rows[pattern.stops]
+        speeds = speed * np.einsum("ki,ki->k", rows, states[:, n:])
+        if not speeds.min() > 0.0:
+            continue
+        margin, _, _, factors = solver.survey(motion, pattern, theta, states)
+        (amplitude,) = amplitudes(
+            numbers.flat[None], numbers.sizes, stops, periods, theta[None], speeds[None]
+        )
+        found.append(
+            EvenRegime(
+                phase=theta,
+                displacement=length * shapes @ states[0, :n],
+                velocity=speed * shapes @ states[0, n:],
+                impact_speed=speeds,
+                amplitude=float(amplitude),
+                multiplier=float(np.abs(np.linalg.eigvals(factors)).max()),
+                admissible=bool(margin >= -TOLERANCE),
+            )
+        )
+    return sorted(found, key=lambda each: -float(each.impact_speed[0]))
+
+
+def widest(numbers: Numbers, stops: Sequence[int], periods: int = 1) -> float:
+    """Factor by which all gaps may grow until no phase of one sine is left for such impacts, where
+    no constant force acts; infinite where nothing is lost."""
+    units, length, _ = numbers.units()
+    motion = numbers.motion(units)
+    first, mean, _ = np.abs(_waves(motion, stops, periods))
+    reach = float(np.max(np.abs(numbers.distances))) / length
+    return float(2.0 * first / mean) if mean > NOTHING * reach else math.inf
+
+
+def _apart(stops: Sequence[int], periods: int) -> Vector:
+    """Phases between the first impact and each other one."""
+    return np.asarray(2.0 * np.pi * periods / len(stops) * np.arange(len(stops)))
+
+
+def _waves(motion: solver.Motion, stops: Sequence[int], periods: int) -> NDArray[np.complex128]:
+    """Coefficients of e^(i k phase) of the distance at the first impact, from the highest k to the
+    lowest; NaN where phases leave the motion undetermined."""
+    count, n = len(stops), motion.rows.shape[1]
+    samples = len(motion.generator) - 2 * n
+    pattern, apart = pattern_of(stops, periods), _apart(stops, periods)
+    states, left, none = np.empty((count, 2 * n)), np.empty(count), np.empty((0, 0))
+    distances = np.full(samples, np.nan)
+    for number in range(samples):
+        theta = 2.0 * np.pi * number / samples + apart
+        if not solver.residual(motion, pattern, theta, states, left, none):
+            break
+        distances[number] = left[0]
+    return np.asarray(np.fft.fftshift(np.fft.fft(distances))[::-1] / samples)
+
+
+# ------------------------------------------------------------------------------
+# Branches of periodic regimes, as the kernels have them.
+# ------------------------------------------------------------------------------
+
+
+SAME = 1e-6
+"""Difference of phases, rad, or of states up to which two regimes are one."""
+
+ROUNDING = 1e-12
+"""Difference of places up to which they are one."""
+
+FASTEST = 1e6
+"""Impact speed, in the units of the kernels, above which a solution is rounding: the phases of its
+impacts leave the motion undetermined."""
+
+STAYS = 1.0 + 1e-6
+"""Largest multiplier of a motion in which a flight can end."""
+
+
+@dataclass(frozen=True, eq=False)
+class Regime:
+    """A periodic motion: the stops that it hits in their order (numbers), in `periods` of the
+    force, at phases theta (rad); sigma is the place in the range."""
+
+    stops: tuple[int, ...]
+    periods: int
+    theta: Vector
+    sigma: float
+
+    def turned(self) -> Iterator[Regime]:
+        """The same regime from each of its impacts on, the first phase in [0, 2 pi)."""
+        for first in range(len(self.stops)):
+            stops = self.stops[first:] + self.stops[:first]
+            later = self.theta[:first] + 2.0 * math.pi * self.periods
+            theta = np.concatenate([self.theta[first:], later])
+            theta = theta - 2.0 * math.pi * math.floor(theta[0] / (2.0 * math.pi))
+            yield Regime(stops, self.periods, theta, self.sigma)
+
+    def same(self, other: Regime) -> bool:
+        """Whether two regimes at the same place are one."""
+        if self.periods != other.periods or sorted(self.stops) != sorted(other.stops):
+            return False
+        return any(
+            each.stops == other.stops and _close(each.theta, other.theta) for each in self.turned()
+        )
+
+    def shortest(self) -> Regime:
+        """The regime without repetition of its own."""
+        for periods in range(1, self.periods):
+            count, rest = divmod(len(self.stops) * periods, self.periods)
+            if self.periods % periods or rest:
+                continue
+            part = Regime(self.stops[:count], periods, self.theta[:count], self.sigma)
+            repeated = np.concatenate(
+                [
+                    part.theta + 2.0 * math.pi * periods * number
+                    for number in range(self.periods // periods)
+                ]
+            )
+            again = part.stops * (self.periods // periods)
+            if again == self.stops and np.all(np.abs(repeated - self.theta) < SAME):
+                return part
+        return self
+
+
+def _close(one: Vector, other: Vector) -> bool:
+    turns = np.abs(np.exp(1j * one[0]) - np.exp(1j * other[0]))
+    return bool(turns < SAME and np.all(np.abs(np.diff(one) - np.diff(other)) < SAME))
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A branch in the units of the kernels.
+
+    Parameters
+    ----------
+    stops, periods
+        Stops that are hit, in their order, in a number of periods of the force.
+    points
+        Points u of a branch as rows, in its order: phases of the impacts, or the state at the phase
+        0, and the weighted sigma.
+    names
+        Name of each point, as of `continuation`.
+    margin, displacement, acceleration, speeds, factors, starts
+        Results of `solver.survey` at each point.
+    phases
+        Phases of the impacts (points, impacts).
+    by_state
+        Whether points hold states.
+    rests
+        Stops that are rested on for a part of the period.
+    """
+
+    stops: tuple[int, ...]
+    periods: int
+    points: Matrix
+    names: tuple[str, ...]
+    margin: Vector
+    displacement: Vector
+    acceleration: Vector
+    speeds: Matrix
+    factors: NDArray[np.float64]
+    starts: Matrix
+    phases: Matrix
+    by_state: bool = False
+    rests: tuple[int, ...] = ()
+
+    @cached_property
+    def sigma(self) -> Vector:
+        """Places in the range."""
+        return np.asarray(self.points[:, -1] / solver.WEIGHT)
+
+    @cached_property
+    def admissible(self) -> NDArray[np.bool_]:
+        """Whether there is no further impact, and every impact comes from the free side."""
+        slow = self.speeds.min(axis=1, initial=np.inf) >= -TOLERANCE
+        fast = self.speeds.max(axis=1, initial=0.0) > FASTEST
+        return np.asarray((self.margin >= -TOLERANCE) & slow & ~fast)
+
+    @cached_property
+    def multiplier(self) -> Vector:
+        """The largest modulus of the multipliers of a period of the regime; infinite where an
+        impact of speed 0 leaves no derivative, as at the end of a branch that grazes."""
+        whole = np.asarray(np.isfinite(self.factors).all(axis=(1, 2)))
+        found = np.full(len(whole), np.inf)
+        found[whole] = np.abs(np.linalg.eigvals(self.factors[whole])).max(axis=1)
+        return found
+
+    @cached_property
+    def lasting(self) -> NDArray[np.bool_]:
+        """Whether a flight can end there."""
+        return np.asarray(self.admissible & (self.multiplier < STAYS))
+
+    def state(self, number: int) -> tuple[Vector, float]:
+        """A state of the motion at one of the points, and the phase of the force at which it has
+        it."""
+        if self.by_state:
+            return self.points[number, :-1], 0.0
+        return self.starts[number], float(self.phases[number, 0]) if self.stops else 0.0
+
+    def around(self, sigma: float) -> Iterator[tuple[int, Vector]]:
+        """Each place where the branch passes a value: the number of the point before it, and the
+        point of the chord to the next."""
+        away = self.sigma - sigma
+        # a regime from which the branch was followed is one of its points but for rounding
+        away[np.abs(away) < ROUNDING] = 0.0
+        for number in np.flatnonzero((away[:-1] * away[1:] <= 0.0) & (away[:-1] != away[1:])):
+            share = away[number] / (away[number] - away[number + 1])
+            start, end = self.points[number], self.points[number + 1]
+            u = start + share * (end - start)
+            u[-1] = solver.WEIGHT * sigma
+            yield int(number), u
+        if len(away) == 1 and away[0] == 0.0:
+            yield 0, self.points[0].copy()
+
+    def with_points(self, places: list[int], others: Track) -> Track:
+        """The branch with the points of another track inserted before some of its own."""
+        names = list(self.names)
+        for shift, (place, name) in enumerate(zip(places, others.names, strict=True)):
+            names.insert(place + shift, name)
+        mixed = {
+            field: np.insert(getattr(self, field), places, getattr(others, field), axis=0)
+            for field in MEASURED
+        }
+        return replace(self, names=tuple(names), **mixed)
+
+    def part(self, chosen: slice | NDArray[np.bool_]) -> Track:
+        """A part of the branch."""
+        fields = {field: getattr(self, field)[chosen] for field in MEASURED}
+        names = tuple(np.array(self.names, dtype=object)[chosen])
+        return replace(self, names=names, **fields)
+
+
+MEASURED = (
+    "points", "margin", "displacement", "acceleration", "speeds", "factors", "starts", "phases",
+)  # fmt: skip
+"""Fields of a track with a row for each of its points."""
+
+
+class OnBranch(NamedTuple):
+    """A regime of a branch, between one of its points and the next."""
+
+    track: Track
+    number: int
+
+
+# ------------------------------------------------------------------------------
+# Motions by simulation from impact to impact, and the regimes that they settle to.
+# ------------------------------------------------------------------------------
+
+
+SETTLING = 300
+"""Number of periods that a simulation runs before its motion counts as settled."""
+
+LONGEST = 8
+"""Largest number of periods in which a simulated motion is looked at for repeating itself."""
+
+REPEATS = 1e-3
+"""Difference of states a period apart, relative to the motion, from which Newton's iteration
+finds the regime that a simulation approaches."""
+
+MOST_KEPT = 4096
+"""Number of last impacts that a simulation keeps: more than it follows in a period."""
+
+MOST_SIMULATED = 24
+"""Largest number of impacts of a regime that Newton's iteration takes from a simulation."""
+
+
+@dataclass(frozen=True, eq=False)
+class FinalMotion:
+    """The end of a simulated motion: `ends`, the states after its periods, and the phase of the
+    force at which it started. `log` holds its last impacts and releases: phase, stop or -1 less the
+    stop, speed. Then come the largest displacement and acceleration of the last period, and the
+    stop that is rested on, or FREE.
+    """
+
+    ends: Matrix
+    phase: float
+    log: Matrix
+    displacement: float
+    acceleration: float = 0.0
+    resting: int = solver.FREE
+
+    @property
+    def state(self) -> Vector:
+        """The last state."""
+        return np.asarray(self.ends[-1])
+
+    def period(self, tolerance: float) -> int:
+        """Number of periods after which the motion repeats itself; 0 where it does not."""
+        last = self.ends[-1]
+        # all states of a motion that rests on a stop at this phase may be 0
+        size = max(np.abs(self.ends[-LONGEST - 1 :]).max(), self.displacement) or 1.0
+        for periods in range(1, min(LONGEST, len(self.ends) - 1) + 1):
+            if np.all(np.abs(self.ends[-1 - periods] - last) < tolerance * size):
+                return periods
+        return 0
+
+    def _last(self, periods: int) -> Matrix:
+        end = self.phase + 2.0 * math.pi * (len(self.ends) - 1)
+        return self.log[self.log[:, 0] > end - 2.0 * math.pi * periods]
+
+    def impacts(self, periods: int) -> Matrix:
+        """The impacts of the last periods."""
+        last = self._last(periods)
+        return last[last[:, 1] >= 0.0]
+
+    def rests(self, periods: int) -> tuple[int, ...]:
+        """The stops that are rested on in the last periods."""
+        last = self._last(periods)[:, 1]
+        found = {int(-1 - stop) for stop in last[last < 0.0]}
+        return tuple(sorted(found | ({self.resting} - {solver.FREE})))
+
+
+def simulate(
+    motion: solver.Motion, start: Vector, periods: int, phase: float = 0.0
+) -> FinalMotion | None:
+    """A motion from a state at a phase of the force, from impact to impact; None where impacts come
+    too fast to be followed."""
+    ends, log = np.empty((periods + 1, len(start))), np.zeros((MOST_KEPT, 3))
+    hits, displacement, acceleration, resting = solver.march(
+        motion, start, periods, phase, ends, log
+    )
+    if hits < 0:
+        return None
+    kept = log[: min(hits, MOST_KEPT)]
+    kept = kept[np.argsort(kept[:, 0], kind="stable")]
+    return FinalMotion(ends, phase, kept, displacement, acceleration, resting)
+
+
+# ------------------------------------------------------------------------------
+# A branch of periodic regimes, followed by length of arc from one of its regimes.
+# ------------------------------------------------------------------------------
+
 
 POINT, NODE, FOLD, GRAZING, DOUBLING, PITCHFORK, NEIMARK_SACKER, STICKING = (
     "", "node", "fold", "grazing", "period doubling", "symmetry breaking", "torus", "sticking",

@@ -8,24 +8,169 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from stochvi.mathematics.arrays import Matrix, Vector, Waves
-from stochvi.methods.periodic.functions import (
-    FunctionsOfFamily,
-    not_followed,
-    numbers_of_functions,
-    widths_of,
-)
-from stochvi.methods.periodic.kernels import contact_flow, solver
+from stochvi.engine.calls import Characteristics, row_of_numbers
+from stochvi.engine.parts import Affine
+from stochvi.mathematics.numerics import Matrix, Vector, Waves
+from stochvi.methods.periodic.kernels import contact_flow, function_flow, solver
 from stochvi.model.coverage import (
     functions,
+    functions_of_arrays,
+    modulated,
     rubbing,
     scattered,
     speed_restitutions,
 )
-from stochvi.model.model import Model, Pair, Stop
+from stochvi.model.model import FunctionOfMotion, Model, Pair, Stop
 from stochvi.results.errors import NotApplicable
+
+# ------------------------------------------------------------------------------
+# Springs and dampers that are functions, over a family of scenes, as kernels take them.
+# ------------------------------------------------------------------------------
+
+
+STEADY = 1e-12
+"""Relative change over the range up to which a number is the same everywhere: kernels read counts
+from numbers, which the rounding of a series must not change."""
+
+
+def not_followed(model: Model) -> list[str]:
+    """The sentences of functions that regimes under a sine do not follow."""
+    found = functions_of_arrays(model) + modulated(model)
+    found += [
+        f"structure.damper must not drive the structure, got kind {part.law.kind!r} ({part.name}), "
+        "whose motion has a frequency of its own; simulate follows it"
+        for part in model.functions
+        if part.law.drives
+    ]
+    held = [part.name for part in model.functions if part.law.sticks and not part.law.drives]
+    if len(held) > 1:
+        found.append(
+            "structure.damper must be one that sticks, at most, as which of several slip together "
+            f"is not decided, got {', '.join(held)}; simulate follows them"
+        )
+    return found
+
+
+def numbers_of_functions(
+    model: Model, whitening: Matrix, unit: float, time: float, widths: tuple[int, int]
+) -> Vector:
+    """Numbers of all functions, one after another: displacement and acceleration per unit of each
+    coordinate of the kernels and of its force, the numbers of the part, and its knots.
+
+    Parameters
+    ----------
+    model
+        The model.
+    whitening
+        Matrix to coordinates with unit masses.
+    unit, time
+        Unit of these coordinates in the kernels, and unit of time, s.
+    widths
+        Numbers of the longest part, and of knots.
+    """
+    found = list[Vector]()
+    for part in model.functions:
+        row = whitening @ part.direction
+        own, knots = np.zeros(widths[0]), np.full(widths[1], function_flow.FAR)
+        numbers, kinks = row_of_numbers(compiled(part)), part.law.knots()
+        own[: len(numbers)], knots[: len(kinks)] = numbers, kinks
+        found += [unit * row, row / (row @ row) * time**2 / unit, own, knots]
+    return np.concatenate([np.zeros(0), *found])
+
+
+def compiled(part: FunctionOfMotion) -> Any:
+    """The part as kernels know it, for forces per unit of its reduced mass."""
+    return part.law.compiled(part.mass / part.count)
+
+
+def widths_of(model: Model) -> tuple[int, int]:
+    """Numbers of the longest part, and of knots."""
+    return (
+        max((len(row_of_numbers(compiled(part))) for part in model.functions), default=0),
+        max((len(part.law.knots()) for part in model.functions), default=0),
+    )
+
+
+def _kind(part: FunctionOfMotion) -> int:
+    if part.law.sticks:
+        return function_flow.STICKS
+    turns = part.law.remembers or part.law.is_damper
+    return function_flow.TURNS if turns else function_flow.SMOOTH
+
+
+@dataclass(frozen=True, eq=False)
+class FunctionsOfFamily:
+    """The functions of the scenes of a family.
+
+    Parameters
+    ----------
+    parts
+        Those of one model, of which kernels read the classes.
+    kinds, memories
+        What each does where its rate passes 0, and the number of its memory, below 0 for none.
+    numbers, series
+        Numbers of one model, and Chebyshev coefficients (terms, numbers) over the range.
+    sizes
+        Numbers of coordinates, numbers of the longest part, and knots.
+    pace
+        1/s, the unit of rates.
+    """
+
+    parts: tuple[Any, ...]
+    kinds: tuple[int, ...]
+    memories: tuple[int, ...]
+    numbers: Vector
+    series: Matrix
+    sizes: tuple[int, int, int]
+    pace: float
+
+    @classmethod
+    def of(
+        cls, model: Model, numbers: Vector, series: Matrix, widths: tuple[int, int], time: float
+    ) -> FunctionsOfFamily:
+        """The functions of a family, from one of its models, the numbers of that model and those
+        over the range."""
+        remembers = np.array([part.law.remembers for part in model.functions], bool)
+        memories = np.where(remembers, np.cumsum(remembers) - 1, -1)
+        return cls(
+            parts=tuple(compiled(part) for part in model.functions),
+            kinds=tuple(_kind(part) for part in model.functions),
+            memories=tuple(memories.tolist()),
+            numbers=numbers,
+            series=series,
+            sizes=(len(model.mass), *widths),
+            pace=1.0 / time,
+        )
+
+    @property
+    def remembering(self) -> int:
+        """Number of memories."""
+        return max(self.memories, default=-1) + 1
+
+    def at(self, sigma: float) -> function_flow.Functions:
+        """The functions at a place of the range."""
+        found = np.polynomial.chebyshev.chebval(2.0 * sigma - 1.0, self.series)
+        change = np.abs(self.series[1:]).sum(axis=0)
+        numbers = np.where(change <= STEADY * np.abs(self.numbers), self.numbers, found)
+        n, width, _ = self.sizes
+        rows = np.reshape(numbers, (len(self.parts), -1))
+        moved, changes = rows[:, :n].copy(), rows[:, n : 2 * n].copy()
+        calls = Characteristics.of(
+            list(self.parts), [Affine(0.0, 0.0, 0.0)] * len(self.parts), moved, changes,
+            np.zeros(len(self.parts)), list(self.memories),
+        )._replace(numbers=rows[:, 2 * n : 2 * n + width].copy())  # fmt: skip
+        knots = rows[:, 2 * n + width :].copy()
+        return function_flow.Functions(
+            calls, self.pace, np.linalg.norm(moved, axis=1), knots, np.array(self.kinds, np.int64)
+        )
+
+
+# ------------------------------------------------------------------------------
+# The numbers of a scene as functions of one of its keys, as the kernels take them.
+# ------------------------------------------------------------------------------
+
 
 MOST_HARMONICS = 32
 """Highest multiple of the lowest common frequency that a sum of sines may hold."""
@@ -479,3 +624,65 @@ def _transformed(values: Matrix) -> Matrix:
     weights = np.where((k == 0) | (k == last), 0.5, 1.0)
     cosines = np.cos(np.pi * np.outer(k, k) / last)
     return np.asarray(2.0 / last * weights[:, None] * (cosines @ (weights[:, None] * values)))
+
+
+# ------------------------------------------------------------------------------
+# States of a scene by the names of its coordinates, and as the kernels take them.
+# ------------------------------------------------------------------------------
+
+
+class States:
+    """States of a model at one place of its family, in m and m/s and in the units of the kernels.
+
+    A state is a row of 2 n numbers: the displacements of the coordinates and then their velocities.
+    """
+
+    def __init__(self, model: Model, family: Family, sigma: float) -> None:
+        self.model, self.time = model, family.time
+        n = len(model.mass)
+        # displacements (m) of the coordinates per unit of those of the kernels
+        known = family.states(np.eye(n, 2 * n), np.full(n, sigma))
+        self._shapes = known["displacement"].T
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the numbers of a state, in their order."""
+        return [
+            f"{what}.{name}"
+            for what in ("displacement", "velocity")
+            for name in self.model.coordinates
+        ]
+
+    def physical(self, states: Matrix) -> Matrix:
+        """States (number, 2 n), m and m/s, from those of the kernels."""
+        return self._turned(states, self._shapes, 1.0 / self.time)
+
+    def scaled(self, states: Matrix) -> Matrix:
+        """States of the kernels from those in m and m/s."""
+        return self._turned(states, np.asarray(np.linalg.inv(self._shapes)), self.time)
+
+    @staticmethod
+    def _turned(states: Matrix, shapes: Matrix, rate: float) -> Matrix:
+        n = len(shapes)
+        return np.hstack([states[:, :n] @ shapes.T, rate * states[:, n:] @ shapes.T])
+
+    def starts(self, given: Mapping[str, ArrayLike]) -> Matrix:
+        """States of the kernels with some numbers given by name (number,), m or m/s; all others are
+        those at rest under the constant loads, where a free mass is at 0.
+
+        Raises
+        ------
+        ValueError
+            If a name is not one of the scene.
+        """
+        model, n = self.model, len(self.model.mass)
+        if unknown := set(given) - set(self.names):
+            raise ValueError(
+                f"start must name some of {', '.join(self.names)}, got {', '.join(sorted(unknown))}"
+            )
+        number = max((np.size(values) for values in given.values()), default=1)
+        states = np.zeros((number, 2 * n))
+        states[:, :n] = np.linalg.pinv(model.stiffness, hermitian=True) @ model.constant_force
+        for name, values in given.items():
+            states[:, self.names.index(name)] = values
+        return self.scaled(states)

@@ -1,4 +1,3 @@
-from .answer import Replay, ReplayAt
-from .method import replay
+from .recorded_motion import Replay, ReplayAt, replay
 
 __all__ = ["Replay", "ReplayAt", "replay"]

@@ -25,9 +25,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stochvi.engine.arithmetic import uniform_of
+from stochvi.engine.calls import force_of, rate_of, rebound_of
 from stochvi.engine.compiling import kernel
-from stochvi.engine.law_calls import force_of, rate_of, rebound_of
-from stochvi.engine.uniform_numbers import uniform_of
 
 ROUNDING = 2.0**-52
 """Relative spacing of floating-point numbers at 1."""

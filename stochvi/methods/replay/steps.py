@@ -18,26 +18,18 @@ from numpy.typing import NDArray
 from scipy.fft import rfft, rfftfreq
 from scipy.ndimage import binary_opening
 
-from stochvi.engine.impact_log import Log
-from stochvi.mathematics.arrays import Matrix, Vector
-from stochvi.methods.monte_carlo.impact_logs import ImpactLog, logged_impacts
-from stochvi.methods.monte_carlo.modal_contacts import rate_of_contact
-from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
-from stochvi.methods.monte_carlo.steps_of_functions import meeting_stops
+from stochvi.engine.arithmetic import Log
+from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.methods.monte_carlo.choose_plan import ImpactLog, logged_impacts
+from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, rate_of_contact
+from stochvi.methods.monte_carlo.white import meeting_stops
 from stochvi.methods.replay.kernel import PEAK, SPEED, STOP, TIME
 from stochvi.methods.replay.march import Motion, SampledExcitation, integrate
-from stochvi.model.linear_part import (
-    fastest_rate,
-    is_positive,
-    motions_of,
-    with_linear_part,
-)
 from stochvi.model.modal import LinearLaw
 from stochvi.model.model import Model, Pair, Stop
-from stochvi.model.scales import PairScale
+from stochvi.model.scales import PairScale, fastest_rate, is_positive, motions_of, with_linear_part
 from stochvi.results.deadline import NEVER, Deadline
-from stochvi.results.errors import NotConverged
-from stochvi.results.sizes import MOST_RECORDED
+from stochvi.results.errors import MOST_RECORDED, NotConverged
 from stochvi.scenes.impact_laws import CompliantLaw
 
 STEP_ANGLE = 0.05

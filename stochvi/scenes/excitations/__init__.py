@@ -13,24 +13,27 @@ from typing import TYPE_CHECKING, Annotated, get_args
 
 from pydantic import BeforeValidator, Field
 
-from stochvi.scenes.excitations.base import BASE, BaseExcitation, DensityNoise, check_unit
-from stochvi.scenes.excitations.constant import ConstantLoad
-from stochvi.scenes.excitations.drawn import DrawnExcitation
-from stochvi.scenes.excitations.drive_function import DriveFunction
-from stochvi.scenes.excitations.filtered import FilteredNoise
-from stochvi.scenes.excitations.modulation import Modulation
-from stochvi.scenes.excitations.pulses import Pulses
-from stochvi.scenes.excitations.recorded import RecordedNoise
-from stochvi.scenes.excitations.road import RoadNoise
-from stochvi.scenes.excitations.shaped import (
+from stochvi.scenes.excitations.base import (
+    BASE,
+    BaseExcitation,
+    ConstantLoad,
+    DensityNoise,
+    Sine,
+    WhiteNoise,
+    check_unit,
+)
+from stochvi.scenes.excitations.drawn import DrawnExcitation, DriveFunction, Pulses
+from stochvi.scenes.excitations.noise import (
+    FilteredNoise,
+    Modulation,
+    RoadNoise,
     ShapedNoise,
     StateSpaceNoise,
+    TabulatedNoise,
     TransferFunctionNoise,
     kinds_of_filters,
 )
-from stochvi.scenes.excitations.sine import Sine
-from stochvi.scenes.excitations.tabulated import TabulatedNoise
-from stochvi.scenes.excitations.white import WhiteNoise
+from stochvi.scenes.excitations.recorded import RecordedNoise
 
 Excitation = (
     WhiteNoise

@@ -9,8 +9,8 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, PrivateAttr, model_validator
 
-from stochvi.mathematics import rounding
-from stochvi.mathematics.rounding import within
+from stochvi.mathematics import numerics
+from stochvi.mathematics.numerics import within
 from stochvi.mathematics.spectra import Table, response_moments
 from stochvi.mathematics.units import STANDARD_GRAVITY, Unit, power_ratio
 from stochvi.scenes.excitations.base import (
@@ -265,8 +265,8 @@ class RecordedNoise(DensityNoise):
             return None
         highest = self.band_hz[1] if self.band_hz is not None else 0.5 * self._record.fs
         remedy = "take a longer record"
-        digit = 10.0 ** (rounding.floor(math.log10(first)) - 2)
-        low = rounding.floor(first / digit) * digit  # rounded down, to keep the first line
+        digit = 10.0 ** (numerics.floor(math.log10(first)) - 2)
+        low = numerics.floor(first / digit) * digit  # rounded down, to keep the first line
         if 4.0 * math.pi * first < omega:
             remedy = (
                 f"give band_hz = [{low:.3g}, {highest:.6g}] if it is drift of the sensor, or "

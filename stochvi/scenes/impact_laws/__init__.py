@@ -12,14 +12,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator, Discriminator, Tag
 
-from stochvi.scenes.impact_laws.base import CompliantLaw, ImpactLaw, RigidLaw
-from stochvi.scenes.impact_laws.force_function import ForceFunction
-from stochvi.scenes.impact_laws.force_table import ForceTable
-from stochvi.scenes.impact_laws.hertz import Hertz
-from stochvi.scenes.impact_laws.power import PowerLaw
-from stochvi.scenes.impact_laws.rigid import Restitution
-from stochvi.scenes.impact_laws.speed_restitution import SpeedRestitution
-from stochvi.scenes.impact_laws.viscoelastic import Elastic, Viscoelastic
+from stochvi.scenes.impact_laws.compliant import (
+    CompliantLaw,
+    Elastic,
+    ForceFunction,
+    ForceTable,
+    Hertz,
+    ImpactLaw,
+    PowerLaw,
+    RigidLaw,
+    Viscoelastic,
+)
+from stochvi.scenes.impact_laws.rigid import Restitution, SpeedRestitution
 
 __all__ = [
     "CompliantLaw",

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from stochvi.scenes.structures.bars import Bar
-from stochvi.scenes.structures.base import AnyStructure
-from stochvi.scenes.structures.beams import Beam
-from stochvi.scenes.structures.matrices import Matrices
-from stochvi.scenes.structures.modes import ModalStructure, Modes
-from stochvi.scenes.structures.oscillators import Isolator, NonlinearOscillator, Oscillator
-from stochvi.scenes.structures.plates import Plate
+from stochvi.scenes.structures.modes import Bar, Beam, ModalStructure, Modes, Plate
+from stochvi.scenes.structures.oscillators import (
+    AnyStructure,
+    Isolator,
+    Matrices,
+    NonlinearOscillator,
+    Oscillator,
+)
 from stochvi.scenes.structures.rigid_body import RigidBody
 
 Structure = (

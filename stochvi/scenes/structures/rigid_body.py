@@ -16,11 +16,11 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.errors import SceneError
 from stochvi.scenes.characteristics import Damper, Spring
-from stochvi.scenes.structures.base import AnyStructure, Placed
+from stochvi.scenes.structures.oscillators import AnyStructure, Placed
 from stochvi.scenes.validation import (
     Checked,
     NonNegative,

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stochvi.methods.monte_carlo.missions import MissionPlan
-from stochvi.methods.monte_carlo.simulation import PILOT_SEED
-from stochvi.methods.monte_carlo.splitting import (
+from stochvi.mathematics.numerics import Matrix
+from stochvi.methods.monte_carlo.choose_plan import HistoryPlan, plan_histories
+from stochvi.methods.monte_carlo.missions import (
     PARTICLES,
     SHARE,
     Counted,
     Levels,
+    MissionPlan,
     Sample,
     crude,
     crude_block,
@@ -24,13 +28,27 @@ from stochvi.methods.monte_carlo.splitting import (
     pilot_levels,
     repetition,
 )
-from stochvi.results.deadline import NEVER, Deadline
-from stochvi.results.errors import Interrupted, NotConverged
-from stochvi.results.estimates import Estimate, of_events
-from stochvi.results.intervals import logarithmic_interval, student_factor, upper_limit_unseen
+from stochvi.methods.monte_carlo.simulation import PILOT_SEED
+from stochvi.model.model import Model, model_of
+from stochvi.results.deadline import NEVER, Deadline, partial_result
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
+from stochvi.results.estimates import (
+    Estimate,
+    binomial_interval,
+    logarithmic_interval,
+    of_events,
+    student_factor,
+    upper_limit_unseen,
+)
+from stochvi.sampling.calculations import ListSampler, TrialSampler
 from stochvi.sampling.run import Run
-from stochvi.sampling.sampler import TrialSampler
-from stochvi.statistics.reliability.answer import Chance
+from stochvi.scenes.scene import Scene
+from stochvi.statistics.clusters import ImpactCounts, count_impacts
+from stochvi.statistics.crossings import first_crossings, own_distances
+from stochvi.statistics.rare_hits import Limit, Windows, overlap_of, rare_hits
+from stochvi.statistics.rare_hits import exceedance as exceedance_of_pairs
+from stochvi.statistics.reliability.missions import Chance, PairRisk
+from stochvi.statistics.trial_splitting import Question, RareHits, windows_of
 
 Way = Literal["crude", "splitting", "first crossings"]
 
@@ -459,3 +477,395 @@ def _source(coarse: Sample | None) -> str:
 
 def _trials(way: str) -> str:
     return "repetitions" if way == "splitting" else "missions"
+
+
+# ------------------------------------------------------------------------------
+# Probabilities from records that are conditioned on a crossing: first crossings of the motion
+# without stops, and the clusters after them.
+# ------------------------------------------------------------------------------
+
+
+Ends = tuple[float | None, float | None]
+"""Lower and upper stop or barrier, m; None for none."""
+
+SMALL = 0.5
+"""Probability of a first impact up to which first crossings reach the accuracy asked for."""
+
+
+def first_hit(
+    scene: Scene, ends: Ends, mission: float, jobs: Jobs, *, surely: bool
+) -> Chance | None:
+    """P(any impact, or passage) of the stationary motion; None where another way is better, unless
+    this way is asked for (`surely`)."""
+    rest = model_of(scene).rest
+    below, above = (
+        math.inf if end is None else side * (end - rest)
+        for side, end in zip((-1.0, 1.0), ends, strict=True)
+    )
+    if not (below > 0.0 and above > 0.0):
+        if surely:
+            raise NotApplicable(
+                "first crossings",
+                [
+                    "the static equilibrium must lie between the stops or barriers, got one that "
+                    f"is {max(-below, -above):.4g} m beyond; move them; for a mass that is pressed "
+                    "onto a stop, impacts counts the returns"
+                ],
+            )
+        return None
+    started = time.process_time()
+    crossings = partial_result(
+        first_crossings, scene, lower=[below], upper=[above], mission=mission,
+        **jobs.sampling,
+    )  # fmt: skip
+    (estimate,) = crossings.probability(mission)
+    if not surely and not 0.0 < estimate.value < SMALL:
+        return None
+    event = "hit" if scene.impact_pairs else "passage"
+    return _from_crossings(event, estimate, crossings.ages.shape[-2], jobs, started)
+
+
+def first_hits_of_pairs(
+    scene: Scene, pair: str | None, mission: float, jobs: Jobs
+) -> tuple[Chance, dict[str, PairRisk], float]:
+    """P(any pair is hit) in the stationary motion, or that of one `pair` as if it alone had stops;
+    the risk of each pair; and the `overlap_of` clusters."""
+    started = time.process_time()
+    model = model_of(scene)
+    below, above = own_distances(model)
+    names = [each.name for each in model.pairs]
+    kept = [[True] * len(names), *np.eye(len(names), dtype=bool)]
+    if pair is not None:
+        kept = [kept[1 + names.index(pair)]]
+    crossings = partial_result(
+        first_crossings, scene, lower=np.where(kept, below, np.inf),
+        upper=np.where(kept, above, np.inf), mission=mission, **jobs.sampling,
+    )  # fmt: skip
+    estimate, *alone = crossings.probability(mission)
+    shares = crossings.shares(mission)[0]
+    risks = {
+        name: PairRisk(probability=chance, share_of_first_hits=float(share))
+        for name, chance, share in zip(names, alone, shares, strict=False)
+    }
+    chance = _from_crossings("hit", estimate, crossings.ages.shape[-2], jobs, started)
+    return chance, risks, overlap_of(crossings)
+
+
+def harder_hits_of_pairs(
+    scene: Scene, limit: Limit, mission: float, overlap: float, jobs: Jobs
+) -> tuple[Chance, dict[str, Estimate]]:
+    """The probability that any impact of the mission exceeds a limit and, for an acceleration, the
+    probability for every output alone.
+
+    Where hardly any cluster or window exceeds it, the splitting of `exceedance` finds it, for all
+    outputs together.
+    """
+    started = time.process_time()
+    found = exceedance_of_pairs(scene, limit, mission, overlap, jobs.part)
+    estimate = found.chance
+    if estimate.upper_95 is not None and not jobs.deadline.passed():
+        split = exceedance(scene, limit, mission, jobs)
+        only = limit.outputs[0] if len(limit.outputs) == 1 else None
+        return split, {} if only is None else {only: split.estimate}
+    lower, upper = logarithmic_interval(
+        estimate.value, estimate.standard_error, found.degrees, jobs.confidence
+    )
+    rule = f"Student's, of the logarithm, from a jackknife over {found.degrees + 1} paths"
+    if estimate.value == 0.0:
+        rule, upper = f"upper limit: {estimate.how}", estimate.upper_95 or 1.0
+    why = {
+        "bursts": "clusters: records hold a first impact of any pair, a fast one more often; the "
+        "motion after it is simulated with all stops",
+        "windows": "windows: clusters follow without a pause here; windows of the whole motion are "
+        "simulated with all stops",
+    }[found.way]
+    chance = Chance(
+        event=limit.event,
+        limit=limit.value,
+        estimate=estimate,
+        lower=lower,
+        upper=min(upper, 1.0),
+        confidence=jobs.confidence,
+        rule=rule,
+        way=found.way,
+        why=why,
+        trials=found.trials,
+        seconds=time.process_time() - started,
+    )
+    return chance, dict(found.by_output)
+
+
+def hits_of_pairs(
+    scene: Scene, mission: float, overlap: float, risks: Mapping[str, PairRisk], jobs: Jobs
+) -> tuple[Hits, dict[str, PairRisk]]:
+    """Expected impacts of a mission on all pairs, and the risk of each pair with its own
+    impacts."""
+    found = count_impacts(scene, overlap, jobs.part)
+    named = [pair.name for pair in scene.impact_pairs]
+    known = {
+        name: replace(
+            risk,
+            expected_hits=found.rates[name] * mission,
+            impact_speed_mean=found.speeds[name],
+        )
+        for name, risk in risks.items()
+        if name in named
+    }
+    return _in_mission(found, mission, jobs), dict(risks) | known
+
+
+SMALLEST = sys.float_info.min
+"""Smallest probability that a floating-point number holds with all its digits. Stops some 38
+standard deviations away are crossed less often; the probability is then given as 0, with this
+number as its upper limit."""
+
+
+def _from_crossings(
+    event: str, estimate: Estimate, paths: int, jobs: Jobs, started: float
+) -> Chance:
+    """The probability of a first impact, which first crossings found since CPU second `started`."""
+    lower, upper = 0.0, SMALLEST
+    if estimate.value > 0.0:
+        lower, upper = logarithmic_interval(
+            estimate.value, estimate.standard_error, paths - 1, jobs.confidence
+        )
+        estimate = of_events(estimate, paths)
+    if estimate.upper_95 is not None:
+        lower, upper = 0.0, estimate.upper_95
+        estimate = replace(estimate, upper_95=min(upper, 1.0))
+    return Chance(
+        event=event,
+        limit=None,
+        estimate=estimate,
+        lower=lower,
+        upper=min(upper, 1.0),
+        confidence=jobs.confidence,
+        rule=f"Student's, of the logarithm, from a jackknife over {paths} paths",
+        way="first crossings",
+        why=(
+            "first crossings: before the first impact the motion is stationary and Gaussian; "
+            "records hold a crossing, however rare, and none is waited for"
+        ),
+        trials=paths,
+        seconds=time.process_time() - started,
+    )
+
+
+def by_conditioning(
+    scene: Scene, ends: Ends, limits: dict[str, float], mission: float, jobs: Jobs
+) -> tuple[dict[str, Chance], Hits | None, dict[str, str]]:
+    """Probabilities and expected impacts from a stationary start under noise with a memory of its
+    own, and the reasons why something was not found."""
+    chance = first_hit(scene, ends, mission, jobs, surely=True)
+    assert chance is not None
+    chances = {chance.event: chance}
+    if not scene.impact_pairs:
+        if limits:
+            raise NotApplicable(
+                "reliability", ["impacts need a stop, got a scene without impact_pair"]
+            )
+        return chances, None, {}
+    missing: dict[str, str] = {}
+    hits = None
+    try:
+        hits = _hits(scene, mission, jobs.sharing(len(limits)))
+    except (NotConverged, Interrupted) as error:
+        missing["expected_hits"] = str(error)
+    for done, (name, limit) in enumerate(limits.items()):
+        some = jobs.sharing(len(limits) - done - 1)
+        try:
+            chances[name] = exceedance(scene, Limit(name, limit), mission, some)
+        except (NotConverged, Interrupted) as error:
+            missing[name] = str(error)
+    return chances, hits, missing
+
+
+def exceedance(scene: Scene, limit: Limit, mission: float, jobs: Jobs) -> Chance:
+    """The probability that any impact of the mission exceeds a limit, by splitting of trials."""
+    found = rare_hits(
+        scene, limit.event, limit.value, mission=mission, outputs=limit.outputs or None,
+        confidence=jobs.confidence, **jobs.sampling,
+    )  # fmt: skip
+    way, why = (
+        "bursts",
+        (
+            "clusters: records hold a first impact, and the motion after it is simulated; a "
+            "splitting finds those clusters in which any impact exceeds the limit"
+        ),
+    )
+    if isinstance(found.kind, Windows):
+        way, why = (
+            "windows",
+            (
+                "windows: clusters follow without a pause here; the whole motion is simulated, and "
+                "a splitting finds those pieces of it that exceed the limit"
+            ),
+        )
+    return _from_splitting(found, limit.event, limit.value, way, why, jobs)
+
+
+def first_hit_under_peaks(scene: Scene, pair: str | None, mission: float, jobs: Jobs) -> Chance:
+    """P(any impact), or P(an impact on one pair), under noise with fast peaks."""
+    model, started = model_of(scene), time.process_time()
+    below, above = own_distances(model)
+    if pair is not None:
+        others = np.array([each.name != pair for each in model.pairs])
+        below, above = (np.where(others, math.inf, each) for each in (below, above))
+    kind = windows_of(model, below.tolist(), above.tolist(), mission, jobs.run.seed)
+    found = Question(1.0, mission, jobs.confidence, jobs.part).answer(kind)
+    assert found is not None  # pieces always end
+    why = (
+        "pieces of the motion: noise with fast peaks moves it as it comes, and a splitting finds "
+        "the pieces that reach a stop"
+    )
+    found = replace(found, seconds=time.process_time() - started)
+    return _from_splitting(found, "hit", None, "splitting", why, jobs)
+
+
+def _from_splitting(
+    found: RareHits, event: str, limit: float | None, way: str, why: str, jobs: Jobs
+) -> Chance:  # fmt: skip
+    """The probability that a splitting of trials found."""
+    rule = f"Student's, of the logarithm, from a jackknife over {found.repetitions} repetitions"
+    if found.chance.value == 0.0:
+        rule = f"upper limit: {found.chance.how}"
+    return Chance(
+        event=event,
+        limit=limit,
+        estimate=found.chance,
+        lower=found.lower,
+        upper=found.upper,
+        confidence=jobs.confidence,
+        rule=rule,
+        way=way,
+        why=why,
+        trials=found.repetitions,
+        levels=found.levels,
+        seconds=found.seconds,
+    )
+
+
+def _hits(scene: Scene, mission: float, jobs: Jobs) -> Hits:
+    """Rate of impacts times mission."""
+    return _in_mission(count_impacts(scene, 0.0, jobs.part), mission, jobs)
+
+
+def _in_mission(found: ImpactCounts, mission: float, jobs: Jobs) -> Hits:
+    """Expected impacts of a mission from their rate."""
+    rate = found.rate
+    estimate = replace(rate * mission, how=f"{mission:g} s times the rate: {rate.how}")
+    return Hits(estimate, jobs.interval(estimate, found.samples), found.steps)
+
+
+# ------------------------------------------------------------------------------
+# The probability of a first impact by counting missions of the motion without stops.
+# ------------------------------------------------------------------------------
+
+
+SAMPLES_PER_PERIOD = 24.0
+"""Samples in a period of the fastest motion: a peak between two of them may be 0.9 % higher, and is
+found by a parabola."""
+
+FEWEST_MISSIONS = 64
+"""Smallest number of missions that are counted."""
+
+MOST_SAMPLES = 2**20
+"""Largest number of samples of a mission."""
+
+
+@dataclass(frozen=True, eq=False)
+class MissionsWithoutStops(ListSampler):
+    """Missions without stops, and whether any gap of the pairs of `model` closes in them."""
+
+    plan: HistoryPlan
+    model: Model
+    kept: tuple[str, ...]
+    seed: int
+
+    @property
+    def block(self) -> int:
+        """Number of missions that are made together."""
+        return self.plan.block
+
+    def simulate(self, first_path: int, paths: int) -> NDArray[np.bool_]:
+        """Whether each mission is hit by its samples, and by every second of them (2, paths)."""
+        moved = self.plan.histories(self.seed, first_path, paths).displacement
+        hit = np.zeros((2, paths), bool)
+        for pair in self.model.pairs:
+            if pair.name in self.kept:
+                gap = np.tensordot(pair.direction, moved, axes=1)
+                for stop in pair.stops:
+                    for row, stride in enumerate((1, 2)):
+                        reached = highest(stop.side * gap[:, ::stride])
+                        hit[row] |= reached > stop.side * stop.position
+        return hit
+
+    def add_up(self, pieces: list[NDArray[np.bool_]]) -> list[NDArray[np.bool_]]:
+        """The pieces."""
+        return pieces
+
+    def paths(self, sample: list[NDArray[np.bool_]]) -> int:
+        """Number of missions."""
+        return sum(each.shape[1] for each in sample)
+
+
+def highest(records: Matrix) -> NDArray[np.float64]:
+    """Highest point of each record (paths, samples), by parabolas through its highest samples."""
+    before, at, after = records[:, :-2], records[:, 1:-1], records[:, 2:]
+    bend = np.maximum(2.0 * at - before - after, np.finfo(float).tiny)
+    peak = np.where(
+        (at >= before) & (at >= after), at + (after - before) ** 2 / (8.0 * bend), -np.inf
+    )
+    ends = np.maximum(records[:, 0], records[:, -1])
+    return np.asarray(np.maximum(peak.max(axis=1, initial=-np.inf), ends))
+
+
+def counted_hits(
+    scene: Scene, model: Model, pairs: Sequence[str], mission: float, jobs: Jobs
+) -> Chance:
+    """P(any of the pairs is hit) in the stationary motion, by missions that are simulated."""
+    started = time.process_time()
+    plan = plan_histories(scene.replace(impact_pairs=()), jobs.deadline)
+    step = 2.0 * math.pi / (SAMPLES_PER_PERIOD * plan.fastest)
+    if mission / step > MOST_SAMPLES:
+        raise NotApplicable(
+            "reliability",
+            [
+                f"shocks that meet are counted in whole missions of at most {MOST_SAMPLES} "
+                f"samples, got {mission / step:.3g}; ask for a mission of at most "
+                f"{MOST_SAMPLES * step:.3g} s"
+            ],
+        )
+    sampler = MissionsWithoutStops(
+        plan.sampled(min(step, plan.step), mission), model, tuple(pairs), jobs.run.seed
+    )
+    plan.plan.shortest().histories(jobs.run.seed, 0, 2, samples=2)  # compiled, off the clock
+
+    def counts(sample: list[NDArray[np.bool_]]) -> tuple[int, int, int]:
+        both = np.concatenate(sample, axis=1)
+        return both.shape[1], int(both[0].sum()), int(both[1].sum())
+
+    def error(sample: list[NDArray[np.bool_]]) -> float:
+        missions, hit, _ = counts(sample)
+        return math.sqrt((1.0 - hit / missions) / hit) if hit else math.inf
+
+    taken = jobs.run.to_accuracy(
+        sampler, FEWEST_MISSIONS, error, jobs.rel_error, deadline=jobs.deadline, needed=2
+    )
+    missions, hit, seldom = counts(taken.sample)
+    share = hit / missions
+    lower, upper = binomial_interval(hit, missions, jobs.confidence)
+    spread = math.sqrt(max(share * (1.0 - share), 1.0 / missions) / missions)
+    how = f"{missions} missions without stops"
+    return Chance(
+        event="hit", limit=None,
+        estimate=Estimate(
+            value=share, standard_error=spread if hit else 0.0,
+            bias=abs(hit - seldom) / missions if hit else None,
+            upper_95=None if hit else upper, how=how,
+        ),
+        lower=lower, upper=upper, confidence=jobs.confidence,
+        rule="exact binomial interval (Clopper and Pearson)", way="missions",
+        why="shocks meet: each acts while the motion after the one before it is remembered",
+        trials=missions, seconds=time.process_time() - started,
+    )  # fmt: skip

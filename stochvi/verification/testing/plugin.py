@@ -45,7 +45,7 @@ class Judge:
             If what was found cannot be read.
         """
         __tracebackhide__ = True
-        from stochvi.verification.testing.files import judge_anything
+        from stochvi.verification.testing.documents import judge_anything
 
         verdict = judge_anything(problem, found, **options)
         verdict.assert_passed()

@@ -1,8 +1,11 @@
 """Reports: one page that holds a verdict, its evidence and its limits."""
 
 from stochvi.views.report.absorber import write_absorber_report
-from stochvi.views.report.clearances import write_clearance_report
-from stochvi.views.report.missions import write_reliability_report, write_replay_report
+from stochvi.views.report.missions import (
+    write_clearance_report,
+    write_reliability_report,
+    write_replay_report,
+)
 from stochvi.views.report.sizing import write_report
 
 __all__ = [

@@ -6,26 +6,26 @@ from pathlib import Path
 
 import numpy as np
 
-from stochvi.absorbers.design import BestBox, Design
-from stochvi.absorbers.performance import AbsorberReport, Performance
-from stochvi.absorbers.sine import AbsorberSine
-from stochvi.absorbers.tuned_damper import TunedDamper
-from stochvi.mathematics.shown_units import ACCELERATION, FORCE, LENGTH
+from stochvi.absorbers.design import AbsorberSine, BestBox, Design
+from stochvi.absorbers.performance import AbsorberReport, Performance, TunedDamper
+from stochvi.mathematics.units import ACCELERATION, FORCE, LENGTH
 from stochvi.results.estimates import Cost, Estimate
-from stochvi.results.origin import Origin, origin_of
+from stochvi.results.files import Origin, origin_of
 from stochvi.scenes.scene import Scene
-from stochvi.views.absorber_sine import draw_absorber_sine, ranges, tunings
 from stochvi.views.absorbers import (
     CANDIDATES,
+    draw_absorber_sine,
     draw_design,
     draw_levels,
     draw_plays,
+    ranges,
     rivals_in_words,
     tuned_sentence,
+    tunings,
     verdict,
 )
 from stochvi.views.report.pages import Fact, Grid, Page, Section, sentence, shown, write_page
-from stochvi.views.words import UNKNOWN, spoken_length, with_error, with_interval
+from stochvi.views.tables import UNKNOWN, spoken_length, with_error, with_interval
 
 
 def write_absorber_report(

@@ -3,45 +3,317 @@ under a record."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stochvi.isolators.sizing.answer import NEAR_ONE, spoken_mission, spoken_percent
-from stochvi.mathematics.shown_units import ACCELERATION, SPEED, readable
-from stochvi.results.base import plain
-from stochvi.results.hardness import unit_of_limit
-from stochvi.results.origin import Origin, origin_of
-from stochvi.results.quantity_units import of_angle
+import numpy as np
+from matplotlib.axes import Axes
+
+from stochvi.isolators.sizing.answer import (
+    NEAR_ONE,
+    ClearanceAnswer,
+    DamageSizing,
+    MissionSizing,
+    spoken_mission,
+    spoken_percent,
+)
+from stochvi.mathematics.spectra import Table
+from stochvi.mathematics.units import ACCELERATION, DENSITY, LENGTH, SPEED, readable
+from stochvi.results.base import of_angle, plain, unit_of_limit
+from stochvi.results.files import Origin, origin_of
+from stochvi.scenes.phases import Phase
+from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Isolator
-from stochvi.views.axes import PAGE, axes_or_new, label_for_page
-from stochvi.views.colours import COLOURS
-from stochvi.views.replay import ROWS, headline, plot_clearances, plot_history, plot_waterfall
-from stochvi.views.report.changes import production_section
-from stochvi.views.report.environment import excitation_facts
-from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown, write_page
-from stochvi.views.report.records import record_cards
-from stochvi.views.schematic import draw_problem
-from stochvi.views.shapes import draw_shapes, has_shape
-from stochvi.views.statistics_tables import SURELY
-from stochvi.views.tables import effects_in_words
-from stochvi.views.words import (
+from stochvi.views.axes import (
+    COLOURS,
+    OWNERS,
+    PAGE,
+    add_grid,
+    axes_or_new,
+    label_for_page,
+    plain_ticks,
+)
+from stochvi.views.isolator_tables import (
+    damage_table,
+    phases_table,
+    plot_damage_sizing,
+    plot_mission_sizing,
+)
+from stochvi.views.report.pages import (
+    Fact,
+    Grid,
+    Page,
+    Picture,
+    Section,
+    excitation_facts,
+    production_section,
+    record_cards,
+    sentence,
+    shown,
+    write_page,
+)
+from stochvi.views.schematic import draw_problem, draw_shapes, has_shape
+from stochvi.views.statistics import SURELY, draw_damage
+from stochvi.views.tables import (
     OF_ONE_MOUNT,
     UNKNOWN,
+    WITHOUT_TOLERANCES,
     count_of,
+    effects_in_words,
+    line_to_copy,
     spoken_length,
     way_in_words,
 )
+from stochvi.views.verification import ROWS, headline, plot_clearances, plot_history, plot_waterfall
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from stochvi.isolators.production_risk.answer import Production
+    from stochvi.isolators.production_risk import Production
     from stochvi.isolators.record_verdict import RecordVerdict
-    from stochvi.isolators.scene_at_rest import SceneAtRest
+    from stochvi.isolators.screening import SceneAtRest
     from stochvi.methods.replay import Replay
     from stochvi.results.estimates import Estimate
-    from stochvi.scenes.scene import Scene
     from stochvi.statistics.reliability import Chance, Reliability
+
+
+# ------------------------------------------------------------------------------
+# The report of a clearance for all phases of a mission, or for a ratio of damage.
+# ------------------------------------------------------------------------------
+
+
+def write_clearance_report(
+    found: ClearanceAnswer, folder: str | Path, origin: Origin | None = None
+) -> Path:
+    """Write `report.html` and `size.json`, its numbers; returns the path of the page."""
+    page = clearance_page(found, origin or origin_of(found.provenance))
+    return write_page(page, found.to_dict(), "size", Path(folder))
+
+
+def clearance_page(found: ClearanceAnswer, origin: Origin) -> Page:
+    """The page of a clearance: what to make, what decides, where the stops stand."""
+    subtitle, evidence = _evidence(found)
+    stops, own = found.stops_to_copy(), record_cards(found.record, getattr(found, "records", None))
+    return Page(
+        title=found.scene.title or "Clearance",
+        subtitle=subtitle,
+        verdict=sentence(found.verdict()),
+        statements=[
+            *([sentence(line_to_copy(stops))] if stops else []),
+            sentence(found.calculated()),
+        ],
+        cards=[
+            *(own if found.doubtful else []), *_clearance_cards(found),
+            *([] if found.doubtful else own), *_cards(found),
+        ],
+        alarm=bool(found.doubtful),
+        warnings=list(found.warnings),
+        sections=[*evidence, _stops(found), _limits(found)],
+        origin=origin,
+        footer=[f"Calculated in {found.cost.wall_time:.3g} s. size.json holds all numbers."],
+    )  # fmt: skip
+
+
+def _clearance_cards(found: ClearanceAnswer) -> list[Fact]:
+    """The clearance of the widest gap: to make, or for Gaussian noise alone where a record does not
+    agree with it; and as calculated."""
+    name = "Clearance for Gaussian noise alone" if found.doubtful else "Clearance to make"
+    made, span = found.widest, LENGTH.span(found.clearance.lower, found.clearance.upper)
+    assert made is not None
+    return [
+        Fact(
+            name, str(made),
+            f"per side{found.of_widest}, from the static equilibrium; rounded up to "
+            f"{made.step_in_words}",
+        ),
+        Fact(
+            "Calculated", spoken_length(found.clearance.value), f"{span}, 95 %{found.of_widest}"
+        ),
+    ]  # fmt: skip
+
+
+def _evidence(found: ClearanceAnswer) -> tuple[str, list[Section]]:
+    """The question in words, and the sections of what it rests on."""
+    of = "Clearances" if found.several else "Clearance of an isolated mass"
+    if isinstance(found, MissionSizing):
+        mission = spoken_mission(found.mission)
+        return (
+            f"{of} for a mission of {mission} in "
+            f"{len(found.phases)} {'phases' if len(found.phases) > 1 else 'phase'}",
+            [_phases(found), _environment(found)],
+        )
+    assert isinstance(found, DamageSizing)
+    return (
+        f"{of} by the damage of equipment in {spoken_mission(found.mission)}",
+        [_damage(found)],
+    )
+
+
+def _cards(found: ClearanceAnswer) -> list[Fact]:
+    if isinstance(found, MissionSizing):
+        worst = found.phases.iloc[int(np.argmax(found.phases["share"]))]
+        noise = ", for Gaussian noise alone" if found.doubtful else ""
+        return [
+            Fact(
+                "Probability of any impact", spoken_percent(found.target.value),
+                f"at the calculated clearance{noise}, in the whole mission of "
+                f"{spoken_mission(found.mission)}",
+            ),
+            Fact(
+                "Phase that decides", str(worst["phase"]),
+                f"{spoken_percent(worst['share'])} of the risk in "
+                f"{spoken_mission(worst['duration'])}",
+            ),
+        ]  # fmt: skip
+    assert isinstance(found, DamageSizing)
+    return [
+        Fact("Accepted damage", f"{found.ratio:.4g} times", "that without stops"),
+        Fact(
+            "Q and exponent", f"{found.damage.quality:g}, {found.damage.exponent:g}", "of equipment"
+        ),
+    ]
+
+
+def _phases(found: MissionSizing) -> Section:
+    return Section(
+        title="Phase by phase",
+        lead="Phases are independent, and each starts in its own stationary motion. So the "
+        "probability of no impact in the mission is the product of those of its phases."
+        if len(found.phases) > 1
+        else "The mission starts in its stationary motion.",
+        grids=[
+            Grid.of(
+                "At the calculated clearance, and the clearance that each phase alone would need",
+                phases_table(found),
+            )
+        ],
+        pictures=[
+            shown(
+                lambda: plot_mission_sizing(found),
+                "Probability of any impact in the mission against the clearance, 95 %.",
+            )
+        ],
+    )
+
+
+def _environment(found: MissionSizing) -> Section:
+    """What shakes in each phase."""
+    scene, densities = found.scene, found.densities()
+    return Section(
+        title="Environment",
+        lead="Densities are one-sided per hertz. 1 g = 9.80665 m/s².",
+        facts=[
+            Fact(
+                f"{phase.name}, {spoken_mission(phase.duration)}",
+                "; ".join(_rms(table, ".4g") for table in densities[phase.name]) or "-",
+                "; ".join([*_sources(phase.of(scene)), *_mounts(phase)]),
+            )
+            for phase in scene.phases
+        ],
+        pictures=[
+            shown(
+                lambda: plot_densities(densities),
+                "One-sided density of the acceleration of the base in each phase.",
+            )
+        ],
+    )
+
+
+def _rms(table: Table, form: str) -> str:
+    return f"{ACCELERATION.text(math.sqrt(table.mean_square()), form)} rms"
+
+
+def _sources(scene: Scene) -> list[str]:
+    """The excitations in words."""
+    facts = [excitation_facts(scene, each, each.numbers())[0] for each in scene.excitations]
+    return [f"{fact.name}: {fact.value}" for fact in facts]
+
+
+def _mounts(phase: Phase) -> list[str]:
+    """What is changed at the mounts in a phase, in words."""
+    factors = {"stiffness": phase.stiffness_factor, "damping": phase.damping_factor}
+    return [f"{name} of the mount times {each:g}" for name, each in factors.items() if each != 1.0]
+
+
+def plot_densities(densities: Mapping[str, Sequence[Table]], ax: Axes | None = None) -> Axes:
+    """Acceleration density against frequency, a colour for each phase."""
+    ax = axes_or_new(ax)
+    for number, (name, tables) in enumerate(densities.items()):
+        colour, style = OWNERS[number % len(OWNERS)], STYLES[number % len(STYLES)]
+        for first, table in enumerate(tables):
+            label = f"{name}, {_rms(table, '.3g')}" if first == 0 else None
+            ax.plot(table.frequency_hz, DENSITY(table.density), style, color=colour, label=label)
+    ax.set(xscale="log", yscale="log", xlabel="frequency (Hz)", ylabel=f"density ({DENSITY})")
+    plain_ticks(ax)
+    add_grid(ax)
+    ax.legend(frameon=False, fontsize="small")
+    return ax
+
+
+STYLES = ("-", "--", ":")
+"""Styles of curves that follow each other: phases may have the same density."""
+
+
+def _damage(found: DamageSizing) -> Section:
+    return Section(
+        title="Damage of equipment",
+        lead="Equipment is a resonator on the mass, of each natural frequency and one Q. Its "
+        "damage is that of its pseudo-velocity, by rainflow cycles and Miner's sum.",
+        grids=[Grid.of("Clearances that were tried", damage_table(found), words=0)],
+        pictures=[
+            shown(lambda: plot_damage_sizing(found), "What stops add to the damage, less 1."),
+            shown(
+                lambda: draw_damage(found.damage, ""),
+                "Spectra at the clearance that is nearest to the calculated one.",
+            ),
+        ],
+    )
+
+
+def _stops(found: ClearanceAnswer) -> Section:
+    """Where the stops stand, with the drawing of the scene: at the clearance to make, or as the
+    scene has them where there is none."""
+    made = found.as_made()
+    where = "at the clearance to make" if found.each_made else "as the scene file states them"
+    return Section(
+        title="Gap and stops",
+        lead="A clearance is the distance of a stop from the static equilibrium, where the mass "
+        "hangs, relative to the base. Positions in a scene file (lower, upper) count from the "
+        "unloaded spring.",
+        facts=[
+            Fact(
+                f"{side.capitalize()} stop{f' of {pair.name}' if found.several else ''}",
+                spoken_length(getattr(pair, side)),
+                f"{'' if found.each_made else 'of the scene; '}from the unloaded spring; "
+                f"{law.phrase()}",
+            )
+            for pair in made.impact_pairs
+            for side, law in pair.stops()
+        ],
+        pictures=[
+            shown(
+                lambda: draw_problem(made, found.rests),
+                f"The scene with its stops {where}; not to scale.",
+                wide=True,
+            )
+        ],
+    )  # fmt: skip
+
+
+def _limits(found: ClearanceAnswer) -> Section:
+    own = found.assumptions if isinstance(found, MissionSizing) else ()
+    return Section(
+        title="Limits",
+        lead="Assumptions of this report.",
+        notes=[sentence(text) for text in (*found.hanging.assumptions(), *own, WITHOUT_TOLERANCES)],
+    )
+
+
+# ------------------------------------------------------------------------------
+# Pages of a reliability, with the probabilities of a mission, and of a replay, with the motion
+# under a record.
+# ------------------------------------------------------------------------------
+
 
 EVENTS = {
     "hit": "any impact",

@@ -35,18 +35,11 @@ from stochvi import (
 from stochvi.cli import main
 from stochvi.mathematics.impact_rates import corner_exponent
 from stochvi.methods.closed_form import exact_density
-from stochvi.methods.fokker_planck import (
-    StationaryDensity,
-    fokker_planck_density,
-    refinement,
-    strip_solver,
-)
+from stochvi.methods.fokker_planck import StationaryDensity, density, fokker_planck_density, strips
 from stochvi.methods.fokker_planck.basis import VelocityCells, returned_flux, transmitted_flux
-from stochvi.methods.fokker_planck.motion import Motion
-from stochvi.methods.fokker_planck.refinement import _field
-from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion, scaled_motion
-from stochvi.methods.fokker_planck.strip_mesh import STRIPS, first_patches, graded
-from stochvi.methods.fokker_planck.strip_solver import Strip
+from stochvi.methods.fokker_planck.density import _field
+from stochvi.methods.fokker_planck.motion import Motion, ScaledMotion, scaled_motion
+from stochvi.methods.fokker_planck.strips import STRIPS, Strip, first_patches, graded
 from stochvi.model.model import model_of
 from stochvi.scenes import Hertz, NonlinearOscillator
 from stochvi.scenes.impact_laws import Law
@@ -105,7 +98,7 @@ def test_a_restitution_off_by_a_millionth_is_caught(monkeypatch: pytest.MonkeyPa
     def wrong(cells: VelocityCells, leaving: Callable[..., Any], side: int) -> Any:
         return returned_flux(cells, lambda w: leaving(w) * (1.0 - 1e-6 * (side > 0)), side)
 
-    monkeypatch.setattr(strip_solver, "returned_flux", wrong)
+    monkeypatch.setattr(strips, "returned_flux", wrong)
     with pytest.raises(AssertionError, match="differs from"):
         assert_six_digits(LOSSY_ROWS[-1])
 
@@ -258,7 +251,7 @@ def test_scenes_of_functions_tell_their_balances(monkeypatch: pytest.MonkeyPatch
     for residual in found.values():
         assert_agrees(residual, 0.0)
     monkeypatch.setattr(
-        strip_solver,
+        strips,
         "returned_flux",
         lambda cells, leaving, side: returned_flux(cells, lambda w: 0.9 * w, side),
     )
@@ -426,7 +419,7 @@ def test_below_the_critical_restitution_the_limit_is_told() -> None:
 def test_what_cannot_be_reached_is_refused_with_what_was(
     soft: Response, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(refinement, "MOST_UNKNOWNS", 5_000)
+    monkeypatch.setattr(density, "MOST_UNKNOWNS", 5_000)
     with pytest.raises(NotConverged) as refused:
         fokker_planck(SOFT, rtol=1e-7, speed_threshold=THRESHOLD)
     assert refused.value.partial is not None
@@ -436,10 +429,10 @@ def test_what_cannot_be_reached_is_refused_with_what_was(
 
 def test_equations_without_a_finite_solution_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     def lost(*arguments: Any) -> Any:
-        found = strip_solver.solve_strips(*arguments)
+        found = strips.solve_strips(*arguments)
         return found._replace(q=(found.q[0] * math.nan, *found.q[1:]))
 
-    monkeypatch.setattr(refinement, "solve_strips", lost)
+    monkeypatch.setattr(density, "solve_strips", lost)
     with pytest.raises(NotConverged, match="too far apart"):
         fokker_planck(SOFT)
 

@@ -12,18 +12,16 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from stochvi.mathematics.spectra import Filter
-from stochvi.mathematics.state_space import stationary_covariance
+from stochvi.mathematics.spectra import Filter, stationary_covariance
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.linearisation import linearise
-from stochvi.methods.linearisation.candidate import Candidate
-from stochvi.methods.linearisation.force_form import inverse
-from stochvi.methods.linearisation.forms import form_of
+from stochvi.methods.linearisation.forms import form_of, inverse
+from stochvi.methods.linearisation.linear_system import Candidate
 from stochvi.model.gap import Gap
 from stochvi.model.model import UPPER, model_of
+from stochvi.results.base import Response
 from stochvi.results.estimates import Estimate
-from stochvi.results.response import Response
 from stochvi.scenes.excitations import (
     ConstantLoad,
     Excitation,

@@ -23,9 +23,15 @@ from stochvi import (
     simulate,
 )
 from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics, StepPairs
-from stochvi.methods.monte_carlo.plan import Plan
-from stochvi.methods.monte_carlo.quantities import Means, of_coordinate, of_pair
+from stochvi.methods.monte_carlo.plan import (
+    Layout,
+    Means,
+    PathStatistics,
+    Plan,
+    StepPairs,
+    of_coordinate,
+    of_pair,
+)
 from stochvi.methods.monte_carlo.simulation import relative_standard_errors
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate

@@ -13,18 +13,16 @@ import numpy as np
 import pytest
 
 from stochvi import NotApplicable, Response, Scene, SceneError, exact, simulate
-from stochvi.engine.impact_log import NO_LOG, NO_RECORD
+from stochvi.engine.arithmetic import NO_LOG, NO_RECORD
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
 from stochvi.methods.monte_carlo import record_path
 from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.kernels.flight import run_white
-from stochvi.methods.monte_carlo.kernels.rows import SUMS
-from stochvi.methods.monte_carlo.kernels.steps import Counting, Kick, Paths
+from stochvi.methods.monte_carlo.kernels.flight import SUMS, Counting, Kick, Paths, run_white
 from stochvi.methods.monte_carlo.modal import ModalPlan
-from stochvi.methods.monte_carlo.rigid_white import ENOUGH_STEPS, WhitePlan, _flow
+from stochvi.methods.monte_carlo.white import ENOUGH_STEPS, WhitePlan, _flow
 from stochvi.model.model import model_of
-from stochvi.results.intervals import upper_limit_unseen
-from stochvi.sampling.stop_flag import stop_flag
+from stochvi.results.estimates import upper_limit_unseen
+from stochvi.sampling.calculations import stop_flag
 from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases, rel_errors
 from support.known import oscillator, values

@@ -26,13 +26,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from stochvi.cli import main, output
-from stochvi.methods.monte_carlo import rigid_white, simulate
+from stochvi.cli import main, program
+from stochvi.methods.monte_carlo import simulate, white
+from stochvi.results.base import Response
 from stochvi.results.errors import CheckpointError, Interrupted, NotConverged
-from stochvi.results.response import Response
 from stochvi.sampling import run as sampling_run
 from stochvi.sampling import workers
-from stochvi.sampling.blocks import blocks_of
+from stochvi.sampling.calculations import blocks_of
 from stochvi.sampling.checkpoints import Checkpoint
 from stochvi.sampling.workers import SENDING_SECONDS, TASK_SECONDS, WINDOW, WorkerPool, one_thread
 from stochvi.scenes.excitations import TabulatedNoise, WhiteNoise
@@ -97,8 +97,8 @@ def test_stopped_again_and_again_it_ends_with_the_same_digits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Over rounds that grow, and a step that is so long that it is refined on the way."""
-    monkeypatch.setattr(rigid_white, "LOSSY_ANGLE", 0.9)
-    monkeypatch.setattr(rigid_white, "LOSSY_DECAY", 0.2)
+    monkeypatch.setattr(white, "LOSSY_ANGLE", 0.9)
+    monkeypatch.setattr(white, "LOSSY_DECAY", 0.2)
     monkeypatch.setattr(sampling_run, "REPORT_SECONDS", 0.0)  # progress is told of each block
     scene, kept = oscillator(), tmp_path / "run"
     asked = {"rel_error": 0.0007, "seed": 5}
@@ -536,7 +536,7 @@ def hears_control_c() -> None:
 
 def test_progress_is_told_in_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where there is no terminal."""
-    monkeypatch.setattr(output, "LINE_SECONDS", 0.0)
+    monkeypatch.setattr(program, "LINE_SECONDS", 0.0)
     monkeypatch.setattr(sampling_run, "REPORT_SECONDS", 0.0)
     told = invoked(tmp_path, "--paths", 4096, "--duration", 20).stderr
     assert any(
@@ -548,8 +548,8 @@ def test_progress_is_told_in_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 def test_no_line_of_progress_is_told_twice_in_a_row(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(output, "LINE_SECONDS", 0.0)
-    with output.progress_bar(False, "simulating") as report:
+    monkeypatch.setattr(program, "LINE_SECONDS", 0.0)
+    with program.progress_bar(False, "simulating") as report:
         for text in ("compiling", "compiling", "row 1", "compiling"):
             report(0.0, text)
     told = [line.partition("%")[2].strip(", ") for line in capsys.readouterr().err.splitlines()]

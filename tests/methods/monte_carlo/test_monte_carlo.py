@@ -1,12 +1,19 @@
 """Monte Carlo against its plain twin, exact laws, near-exact numbers, balances; same digits."""
 
+import dataclasses
+import importlib
 import math
 import multiprocessing
+import pkgutil
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
+from numba.core.registry import CPUDispatcher
+from scipy.stats import norm
 
+import stochvi
 from stochvi import (
     ConstantLoad,
     Estimate,
@@ -17,24 +24,32 @@ from stochvi import (
     Oscillator,
     Restitution,
     Scene,
+    SceneError,
+    Statistic,
     TabulatedNoise,
     exact,
     simulate,
 )
-from stochvi.engine.impact_log import COLUMNS, Log
-from stochvi.methods.monte_carlo import record_path, simulation
+from stochvi.engine.arithmetic import COLUMNS, Log
+from stochvi.methods.monte_carlo import kernels, modal, record_path, simulation
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.path_statistics import PathStatistics
-from stochvi.methods.monte_carlo.quantities import of_pair, speed_mean
-from stochvi.model.balances import residuals
+from stochvi.methods.monte_carlo.plan import PathStatistics, of_pair, speed_mean
+from stochvi.model.build_response import residuals
 from stochvi.model.model import model_of
-from stochvi.results.intervals import FEWEST_CLUSTERS
+from stochvi.results.errors import CheckpointError
+from stochvi.results.estimates import FEWEST_CLUSTERS
+from stochvi.scenes.excitations import WhiteNoise
+from stochvi.scenes.impact_laws import Elastic
+from stochvi.scenes.structures import Matrices
 from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases, rel_errors
-from support.known import BENCH, NATURAL, RIGID_STOPS, RigidStops, Units, oscillator, values
+from support.digits import IMPACTS, STAGES, digits_of_a_process
+from support.known import BENCH, NATURAL, RIGID_STOPS, RigidStops, Units, values
+from support.known import oscillator as oscillator_of_known
 from support.mounts import TRUCK, isolator
 from support.naive import full_band_isolator, kick_flow_kick, mirrored_euler, normals
+from support.uncompiled import averages, averages_without_the_compiler
 
 QUANTITIES = ("displacement_std", "velocity_std", "impact_speed_rate", "impact_speed_square_rate")
 
@@ -88,7 +103,7 @@ def test_several_impacts_in_a_step(restitution: float, omega: float) -> None:
 
 
 def compare_with_twin(case: dict, load: float, omega: float, step: float = 0.25) -> None:
-    scene = oscillator(**case, load=load, omega=omega)
+    scene = oscillator_of_known(**case, load=load, omega=omega)
     path = 5
     # not longer: bounces in quick succession double the rounding errors again and again
     record = record_path(scene, duration=30.0, seed=9, path=path, step=step)
@@ -123,7 +138,7 @@ def compare_with_twin(case: dict, load: float, omega: float, step: float = 0.25)
 @pytest.mark.parametrize("units", [NATURAL, BENCH], ids=["natural", "SI"])
 @pytest.mark.parametrize("row", RIGID_STOPS, ids=lambda row: f"R={row.restitution:g}")
 def test_near_exact_numbers_of_rigid_stops(row: RigidStops, units: Units) -> None:
-    scene = oscillator(-1.0, 1.0, row.restitution, units=units)
+    scene = oscillator_of_known(-1.0, 1.0, row.restitution, units=units)
     found = quantities(scene, rel_error=0.003, seed=11)
     for name in QUANTITIES:
         assert found[name].standard_error <= 0.003 * found[name].value
@@ -149,7 +164,7 @@ ELASTIC = {
 @rel_errors(0.01, 0.003)
 @pytest.mark.parametrize("case", ELASTIC.values(), ids=ELASTIC.keys())
 def test_elastic_stops_agree_with_the_exact_law(case: dict, rel_error: float) -> None:
-    scene = oscillator(**case, restitution=1.0)
+    scene = oscillator_of_known(**case, restitution=1.0)
     truth = values(exact(scene))
     found = quantities(scene, rel_error=rel_error, seed=13)
     sides = [f"collision_rate_{side}" for side in ("lower", "upper") if case[side] is not None]
@@ -159,7 +174,7 @@ def test_elastic_stops_agree_with_the_exact_law(case: dict, rel_error: float) ->
 
 
 def test_half_the_step_is_free_of_bias_too() -> None:
-    scene = oscillator(-1.0, 1.0, 1.0)
+    scene = oscillator_of_known(-1.0, 1.0, 1.0)
     truth = values(exact(scene))
     plan = make_plan(model_of(scene), None, None)
     for factor in (0.5, 2.0):
@@ -188,7 +203,7 @@ def test_balances_hold_where_stops_lose_energy(case: dict, rel_error: float) -> 
     if case["restitution"] == 0.0:
         # steps as they are leave a bias of 0.4 %, which more paths would not mend
         rel_error = max(rel_error, 0.006)
-    response = simulate(oscillator(**case), rel_error=rel_error, seed=14, budget=None)
+    response = simulate(oscillator_of_known(**case), rel_error=rel_error, seed=14, budget=None)
     assert set(response.identities) == {"energy", "virial", "force"}
     for residual in response.identities.values():
         assert_agrees(residual, 0.0)
@@ -196,7 +211,7 @@ def test_balances_hold_where_stops_lose_energy(case: dict, rel_error: float) -> 
 
 
 def test_stops_of_different_restitution_keep_the_balances() -> None:
-    scene = oscillator(-1.0, 1.0, 0.9)
+    scene = oscillator_of_known(-1.0, 1.0, 0.9)
     pair = ImpactPair(
         lower=-1.0,
         upper=1.0,
@@ -216,7 +231,7 @@ def test_stops_of_different_restitution_keep_the_balances() -> None:
 def test_the_stated_bias_covers_that_of_a_coarse_step() -> None:
     """At four times the default step F2 is off beyond its noise; the stated bias knows."""
     truth = near_exact(0.5)["velocity_std"]
-    scene = oscillator(-1.0, 1.0, 0.5)
+    scene = oscillator_of_known(-1.0, 1.0, 0.5)
     coarse = make_plan(model_of(scene), None, None).with_step(0.6)
     half = run(scene, coarse.with_step(0.3), 6, 32768)
     full = run(scene, coarse, 6, 32768)
@@ -234,7 +249,7 @@ def test_the_stated_bias_covers_that_of_a_coarse_step() -> None:
 def test_rates_of_slow_impacts_do_not_depend_on_a_refined_step() -> None:
     """At R = 0.2 the plain step misses slow impacts; refined steps of any length agree."""
 
-    scene = oscillator(-1.0, 1.0, 0.2)
+    scene = oscillator_of_known(-1.0, 1.0, 0.2)
 
     def rate_at(step: float, slow_impacts: bool, paths: int) -> tuple[float, float]:
         plan = make_plan(model_of(scene), None, 400.0, slow_impacts).with_step(step)
@@ -248,7 +263,11 @@ def test_rates_of_slow_impacts_do_not_depend_on_a_refined_step() -> None:
 
 def test_refined_steps_keep_the_balances() -> None:
     response = simulate(
-        oscillator(-1.0, 1.0, 0.3), rel_error=0.005, seed=15, slow_impacts=True, budget=None
+        oscillator_of_known(-1.0, 1.0, 0.3),
+        rel_error=0.005,
+        seed=15,
+        slow_impacts=True,
+        budget=None,
     )
     for residual in response.identities.values():
         assert_agrees(residual, 0.0)
@@ -256,7 +275,9 @@ def test_refined_steps_keep_the_balances() -> None:
     assert isinstance(rate, Estimate)
     assert rate.bias is not None
     assert (
-        simulate(oscillator(-1.0, 1.0, 0.3), paths=512).estimates()["stops", "collision_rate"].bias
+        simulate(oscillator_of_known(-1.0, 1.0, 0.3), paths=512)
+        .estimates()["stops", "collision_rate"]
+        .bias
         is None
     )
 
@@ -279,7 +300,7 @@ def euler_estimates(overshoot: bool, h: float) -> dict[str, Estimate]:
 
 
 def test_the_end_of_step_mirror_is_caught() -> None:
-    truth = values(exact(oscillator(-1.0, 1.0, 1.0)))
+    truth = values(exact(oscillator_of_known(-1.0, 1.0, 1.0)))
     wrong = euler_estimates(overshoot=False, h=2.0 * math.pi / 50.0)
     for name in ("velocity_std", "collision_rate"):
         with pytest.raises(AssertionError, match="standard errors"):
@@ -291,9 +312,9 @@ def test_the_end_of_step_mirror_is_caught() -> None:
 
 def test_a_wrong_restitution_breaks_the_energy_balance() -> None:
     """Simulated with R = 0.8, judged as R = 0.81."""
-    scene = oscillator(-1.0, 1.0, 0.8)
+    scene = oscillator_of_known(-1.0, 1.0, 0.8)
     statistics = run(scene, make_plan(model_of(scene), None, None), 8, 8192)
-    claimed = model_of(oscillator(-1.0, 1.0, 0.81))
+    claimed = model_of(oscillator_of_known(-1.0, 1.0, 0.81))
     value, error = statistics.evaluate(lambda means: residuals(claimed, means, (0.0,))["energy"])
     assert abs(value) > 4.5 * error
 
@@ -346,7 +367,7 @@ def test_truck_isolator_agrees_with_a_full_band_record() -> None:
 
 
 @pytest.mark.parametrize(
-    "scene", [oscillator(-1.0, 1.0, 0.8), isolator(0.004)], ids=["white", "table"]
+    "scene", [oscillator_of_known(-1.0, 1.0, 0.8), isolator(0.004)], ids=["white", "table"]
 )
 def test_digits_do_not_depend_on_threads(scene: Scene) -> None:
     one, two = (simulate(scene, paths=700, duration=40.0, threads=n, seed=4) for n in (1, 2))
@@ -358,7 +379,7 @@ def test_digits_do_not_depend_on_threads(scene: Scene) -> None:
 
 @pytest.mark.verify
 def test_digits_do_not_depend_on_the_executor() -> None:
-    scene = oscillator(-1.0, 1.0, 0.8)
+    scene = oscillator_of_known(-1.0, 1.0, 0.8)
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as processes:
         elsewhere = simulate(scene, paths=2100, duration=40.0, seed=4, executor=processes)
     here = simulate(scene, paths=2100, duration=40.0, seed=4)
@@ -366,7 +387,7 @@ def test_digits_do_not_depend_on_the_executor() -> None:
 
 
 def test_digits_of_a_path_do_not_depend_on_its_block() -> None:
-    plan = make_plan(model_of(oscillator(-1.0, 1.0, 0.8)), None, 50.0)
+    plan = make_plan(model_of(oscillator_of_known(-1.0, 1.0, 0.8)), None, 50.0)
     whole = plan.averages(1, 0, 300)
     np.testing.assert_array_equal(whole[:, 290:300], plan.averages(1, 290, 10))
     table = make_plan(model_of(isolator(0.004)), None, 40.0)
@@ -374,7 +395,7 @@ def test_digits_of_a_path_do_not_depend_on_its_block() -> None:
 
 
 def test_a_rate_never_seen_has_an_upper_limit_only() -> None:
-    response = simulate(oscillator(-9.0, 9.0, 1.0), rel_error=0.02, seed=1)
+    response = simulate(oscillator_of_known(-9.0, 9.0, 1.0), rel_error=0.02, seed=1)
     rate = response.impact_pairs["stops"]["collision_rate"]
     assert isinstance(rate, Estimate)
     assert rate.value == 0.0
@@ -387,16 +408,16 @@ def test_a_rate_never_seen_has_an_upper_limit_only() -> None:
 
 
 def test_collapse_is_announced() -> None:
-    response = simulate(oscillator(-1.0, 1.0, 0.1), rel_error=0.02)
+    response = simulate(oscillator_of_known(-1.0, 1.0, 0.1), rel_error=0.02)
     assert any("infinite" in warning for warning in response.warnings)
     assert not any(
-        "infinite" in w for w in simulate(oscillator(-1.0, 1.0, 0.2), paths=300).warnings
+        "infinite" in w for w in simulate(oscillator_of_known(-1.0, 1.0, 0.2), paths=300).warnings
     )
 
 
 def test_a_budget_too_small_is_refused_with_what_was_reached() -> None:
     with pytest.raises(NotConverged, match="takes about") as refusal:
-        simulate(oscillator(-1.0, 1.0, 0.8), rel_error=1e-5, budget=0.5)
+        simulate(oscillator_of_known(-1.0, 1.0, 0.8), rel_error=1e-5, budget=0.5)
     assert refusal.value.partial is not None
     assert refusal.value.partial.cost.paths > 2
 
@@ -405,7 +426,7 @@ def test_errors_that_are_small_by_chance_are_not_believed_of_two_paths(monkeypat
     """Two paths that happen to agree have no error, and any accuracy would count as reached."""
     monkeypatch.setattr(simulation, "relative_standard_errors", lambda run: {("x", "std"): 0.0})
     monkeypatch.setattr(simulation, "largest_bias", lambda run, errors: 0.0)
-    scene = oscillator(-1.0, 1.0, 0.8)
+    scene = oscillator_of_known(-1.0, 1.0, 0.8)
     assert simulate(scene, rel_error=0.01, budget=None).cost.paths >= 64
     add_paths = simulation.Simulation.add_paths
 
@@ -419,8 +440,8 @@ def test_errors_that_are_small_by_chance_are_not_believed_of_two_paths(monkeypat
 
 
 UNCOVERED = {
-    "without stiffness": oscillator(None, 1.0, 1.0, omega=0.0),
-    "restitution below 1": oscillator(-1.0, 1.0, 1.0, damping=0.0),
+    "without stiffness": oscillator_of_known(None, 1.0, 1.0, omega=0.0),
+    "restitution below 1": oscillator_of_known(-1.0, 1.0, 1.0, damping=0.0),
     "constant load alone": Scene(
         structure=Oscillator(mass=1.0, damping=1.0, stiffness=1.0),
         excitations=[ConstantLoad(force=1.0)],
@@ -450,7 +471,7 @@ BAD_ARGUMENTS = [
 @pytest.mark.parametrize(("arguments", "sentence"), BAD_ARGUMENTS)
 def test_bad_arguments_are_named(arguments: dict, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
-        simulate(oscillator(-1.0, 1.0, 1.0), **arguments)
+        simulate(oscillator_of_known(-1.0, 1.0, 1.0), **arguments)
 
 
 # ---- corners where earlier versions went wrong -----------------------------------------------
@@ -491,7 +512,7 @@ def test_a_narrow_gap_under_a_table_is_sampled_finely_enough() -> None:
 @rel_errors(0.03, 0.01)
 @quick_cases("stop", [-100.0, -1000.0], keep=(1,))
 def test_a_strong_preload_keeps_its_digits(stop: float, rel_error: float) -> None:
-    scene = oscillator(None, stop, 1.0)
+    scene = oscillator_of_known(None, stop, 1.0)
     truth, found = values(exact(scene)), quantities(scene, rel_error=rel_error, seed=6)
     for name in ("displacement_std", "velocity_std", "collision_rate", "impact_speed_rate"):
         assert_agrees(found[name], truth[name])
@@ -499,13 +520,13 @@ def test_a_strong_preload_keeps_its_digits(stop: float, rel_error: float) -> Non
 
 @pytest.mark.parametrize("restitution", [0.0, 0.1, 0.5])
 def test_a_mass_at_rest_on_a_stop_still_presses_on_it(restitution: float) -> None:
-    response = simulate(oscillator(None, -4.0, restitution), paths=2048, seed=7)
+    response = simulate(oscillator_of_known(None, -4.0, restitution), paths=2048, seed=7)
     assert_agrees(response.identities["force"], 0.0)
     assert response.identities["force"].standard_error < 2e-3
 
 
 def test_one_path_with_all_the_hits_is_an_answer_too() -> None:
-    scene = oscillator(-4.0, 4.0, 1.0)
+    scene = oscillator_of_known(-4.0, 4.0, 1.0)
     plan = make_plan(model_of(scene), None, 100.0)
     averages = plan.averages(1, 0, 64)
     averages[3:] = 0.0
@@ -520,7 +541,7 @@ def test_a_mean_over_the_hits_of_one_path_is_hardly_known() -> None:
     """Its spread between paths cannot be seen: to first order it would have no error at all."""
     seen = []
     for seed in range(24):
-        found = simulate(oscillator(-2.2, 2.2, 0.8), paths=48, duration=3.0, seed=seed)
+        found = simulate(oscillator_of_known(-2.2, 2.2, 0.8), paths=48, duration=3.0, seed=seed)
         rate, mean = (
             found.impact_pairs["stops"][name] for name in ("collision_rate", "impact_speed_mean")
         )
@@ -535,8 +556,245 @@ def test_a_mean_over_the_hits_of_one_path_is_hardly_known() -> None:
 
 def test_times_too_far_apart_are_refused_in_a_sentence() -> None:
     with pytest.raises(NotApplicable, match="too far apart"):
-        simulate(oscillator(-1e-8, 1e-8, 1.0 - 1e-12))
+        simulate(oscillator_of_known(-1e-8, 1e-8, 1.0 - 1e-12))
     with pytest.raises(NotApplicable, match="shorter duration and more paths"):
         simulate(isolator(0.004), paths=2, duration=1e9)
     with pytest.raises(NotApplicable, match="at most 4194304 are made"):
         simulate(isolator(1e-9))
+
+
+# ------------------------------------------------------------------------------
+# One seed gives one set of digits: in the process that compiles, and in those that load.
+# ------------------------------------------------------------------------------
+
+
+CASES = [
+    IMPACTS,
+    "oscillator-elastic",
+    "oscillator-lossy",
+    "zoo/lossy-upper-stop",
+    "zoo/linear",
+    "zoo/spring-stops",
+    "zoo/psd-truck-elastic",
+    "zoo/psd-spring-stops",
+    "absorber-on-a-tower",
+    "zoo/chain-two-pairs",
+    *STAGES,
+]
+"""A small kernel, and scenes that between them call for every plan of `make_plan`."""
+
+
+@pytest.mark.verify
+def test_processes_that_load_all_kernels_find_the_digits_of_the_one_that_compiled_them(
+    tmp_path: Path,
+) -> None:
+    compiled = digits_of_a_process(CASES, tmp_path)
+    assert digits_of_a_process(CASES, tmp_path) == compiled
+    # which kernel is loaded first must not matter either
+    assert digits_of_a_process(CASES[::-1], tmp_path) == compiled
+
+
+def test_no_kernel_leaves_the_rounding_to_the_compiler() -> None:
+    """Of a function that may be rounded in several ways, several copies with other digits exist."""
+    found = []
+    for module in pkgutil.iter_modules(kernels.__path__, f"{kernels.__name__}."):
+        content = vars(importlib.import_module(module.name)).values()
+        found += [each for each in content if isinstance(each, CPUDispatcher)]
+    assert found
+    assert [each.__name__ for each in found if each.targetoptions.get("fastmath")] == []
+
+
+# ------------------------------------------------------------------------------
+# Statistics of one's own: their values, where velocities are taken, and what is refused.
+# ------------------------------------------------------------------------------
+
+
+GAP = 0.8
+"""Distance of the stops, m: k = 1, b = .1, S0 = .2, so that x and v have the deviation 1."""
+
+
+def oscillator(law: object, damping: float = 0.1, **pair: float) -> Scene:
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=damping, stiffness=1.0),
+        impact_pairs=[ImpactPair(law=law, **(pair or {"lower": -GAP, "upper": GAP}))],
+        excitations=[WhiteNoise(intensity=2.0 * damping)],
+    )
+
+
+def half_way(x: float, v: float) -> float:
+    return 1.0 if x > 0.4 else 0.0
+
+
+def fast(x: float, v: float) -> float:
+    return 1.0 if v > 1.0 else 0.0
+
+
+def product(x: float, v: float) -> float:
+    return x**2 * v**4
+
+
+def square(x: float, v: float) -> float:
+    return v * v
+
+
+def beyond(x: float, v: float) -> float:
+    return 1.0 if x > GAP else 0.0
+
+
+def away(found: Estimate, truth: float) -> float:
+    """Distance from the truth in standard errors, beyond the bias."""
+    return max(abs(found.value - truth) - found.bias, 0.0) / found.standard_error
+
+
+# ---- values -----------------------------------------------------------------------------------
+
+
+def test_means_are_those_of_the_exact_density() -> None:
+    asked = {each.__name__: Statistic(function=each) for each in (half_way, fast, product)}
+    scene = oscillator(Restitution(coefficient=1.0))
+    found = simulate(scene, statistics=asked, paths=1024, seed=3).statistics
+    inside = norm.cdf(GAP) - norm.cdf(-GAP)
+    variance = 1.0 - 2.0 * GAP * norm.pdf(GAP) / inside
+    known = {
+        "half_way": (norm.cdf(GAP) - norm.cdf(0.4)) / inside,
+        "fast": norm.sf(1.0),
+        "product": 3.0 * variance,
+    }
+    assert all(away(found[name], truth) < 4.5 for name, truth in known.items())
+    assert all(away(found[name], 1.05 * truth) > 4.5 for name, truth in known.items())
+
+
+def test_velocities_are_taken_in_the_middle_of_a_kick(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = oscillator(Restitution(coefficient=0.5), damping=1.0)
+    asked = {"square": Statistic(function=square)}
+
+    def apart() -> float:
+        found = simulate(scene, statistics=asked, paths=1024, seed=5)
+        own, known = found.statistics["square"], found.coordinates["x"].velocity_mean_square
+        return abs(own.value - known.value) / math.hypot(own.standard_error, known.standard_error)
+
+    assert apart() < 4.5
+    whole = modal.statistics_of
+    monkeypatch.setattr(
+        modal, "statistics_of", lambda *of: whole(*of)._replace(spreads=0.0 * whole(*of).spreads)
+    )
+    assert apart() > 4.5
+
+
+TABLE = TabulatedNoise(frequency_hz=[0.05, 0.3], density=[0.4, 0.4], unit="N2/Hz")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [WhiteNoise(intensity=0.2), TABLE], ids=["white", "table"])
+def test_time_in_contact_is_that_of_the_contacts(noise: object) -> None:
+    several = Matrices(
+        mass=[[1.0, 0.0], [0.0, 0.5]], damping=[[0.2, -0.1], [-0.1, 0.1]],
+        stiffness=[[2.0, -1.0], [-1.0, 1.0]], coordinates=["a", "b"],
+    )  # fmt: skip
+    scene = Scene(
+        structure=several,
+        impact_pairs=[
+            ImpactPair(name="gap", between=["a", "b"], upper=GAP, law=Elastic(stiffness=30.0))
+        ],
+        excitations=[noise.replace(on="a")],
+    )
+    asked = {"time": Statistic(function=beyond, of="gap")}
+    found = simulate(scene, statistics=asked, rel_error=0.03, seed=2)
+    contact = found.impact_pairs["gap"].contact_probability
+    own = found.statistics["time"]
+    error = 4.5 * math.hypot(own.standard_error, contact.standard_error)
+    assert abs(own.value - contact.value) < error + own.bias + contact.bias
+    assert error < 0.2 * own.value
+    of_a = simulate(scene, statistics={"a": Statistic(function=beyond, of="a")}, paths=256, seed=2)
+    assert abs(of_a.statistics["a"].value - contact.value) > error
+
+
+@pytest.mark.verify
+def test_time_in_contact_of_six_modes() -> None:
+    scene = stochvi.load_scene(stochvi.scenes.shipped_scene("rigid-box"))
+    lower, upper = -0.002, 0.0005
+    soft = Elastic(stiffness=5e5)
+    pair = scene.impact_pairs[0].replace(law=soft, lower=lower, upper=upper)
+    scene = scene.replace(impact_pairs=[pair, *scene.impact_pairs[1:]])
+
+    def outside(y: float, v: float) -> float:
+        return 1.0 if y > upper or y < lower else 0.0
+
+    def above(y: float, v: float) -> float:
+        return 1.0 if y > upper else 0.0
+
+    asked = {
+        "time": Statistic(function=outside, of=pair.name),
+        "half": Statistic(function=above, of=pair.name),
+    }
+    found = simulate(scene, statistics=asked, paths=512, seed=2)
+    contact = found.impact_pairs[pair.name].contact_probability
+
+    def apart(name: str) -> float:
+        own = found.statistics[name]
+        error = math.hypot(own.standard_error, contact.standard_error)
+        return (abs(own.value - contact.value) - own.bias - contact.bias) / error
+
+    assert apart("time") < 4.5
+    assert apart("half") > 4.5
+
+
+# ---- answers ----------------------------------------------------------------------------------
+
+
+def test_an_answer_with_statistics_is_written_and_read(tmp_path: Path) -> None:
+    scene = oscillator(Restitution(coefficient=1.0))
+    found = simulate(scene, statistics={"fast": Statistic(function=fast)}, paths=64, duration=50.0)
+    row = found.to_frame().iloc[-1]
+    assert (row["of"], row["quantity"], row["unit"]) == ("statistics", "fast", "")
+    assert "statistics.fast = " in repr(found)
+    stochvi.save_answer(found, tmp_path / "answer.json")
+    assert stochvi.load_answer(tmp_path / "answer.json").statistics == found.statistics
+    recorded = found.provenance["call"]["arguments"]["statistics"]["fast"]
+    assert recorded["function"].startswith(f"{__name__}.fast (")
+    assert "statistics" not in simulate(scene, paths=64, duration=50.0).to_dict()
+
+
+def test_a_run_goes_on_with_the_same_functions_only(tmp_path: Path) -> None:
+    scene, kept = oscillator(Restitution(coefficient=1.0)), tmp_path / "kept"
+    asked = {"fast": Statistic(function=fast)}
+    run = {"paths": 64, "duration": 50.0, "seed": 1}
+    first = simulate(scene, statistics=asked, checkpoint=kept, **run)
+    assert simulate(scene, statistics=asked, resume=kept, **run) == first
+    with pytest.raises(CheckpointError, match="is of a run with statistics"):
+        simulate(scene, statistics={"fast": Statistic(function=half_way)}, resume=kept, **run)
+    with pytest.raises(ValueError, match="give each function anew"):
+        simulate(scene, resume=kept, **run)
+
+
+# ---- what is refused --------------------------------------------------------------------------
+
+
+def test_a_function_that_cannot_be_averaged_is_refused_in_a_sentence() -> None:
+    with pytest.raises(SceneError, match=r"takes a displacement .* got missing a"):
+        Statistic(function=lambda x, v, a: x)
+    with pytest.raises(SceneError, match="needs function that numba compiles"):
+        Statistic(function=lambda x, v: dataclasses.asdict(x))
+
+
+def test_a_statistic_of_nothing_in_the_scene_is_refused() -> None:
+    scene = oscillator(Restitution(coefficient=1.0))
+    with pytest.raises(ValueError, match=r"pair of the scene \(stops, x\), got 'y'"):
+        simulate(scene, statistics={"fast": Statistic(function=fast, of="y")})
+    with pytest.raises(ValueError, match="must be a table of names and `Statistic`"):
+        simulate(scene, statistics={"fast": fast})
+
+
+# ------------------------------------------------------------------------------
+# Kernels with the compiler off: the same numbers, so that a debugger sees what runs.
+# ------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_kernels_give_the_same_numbers_without_the_compiler() -> None:
+    compiled, plain = averages(), averages_without_the_compiler()
+    assert compiled.keys() == plain.keys()
+    for name, expected in compiled.items():
+        assert np.isfinite(expected).all()
+        # rounding differs, and grows with each impact
+        assert plain[name] == pytest.approx(expected, rel=1e-8, abs=1e-12), name

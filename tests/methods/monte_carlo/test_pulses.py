@@ -6,10 +6,12 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.linalg import expm, solve_continuous_lyapunov
 from scipy.optimize import brentq
 
@@ -23,8 +25,10 @@ from stochvi import (
     Oscillator,
     Restitution,
     Scene,
+    SceneError,
     Sine,
     Statistic,
+    TabulatedNoise,
     Viscoelastic,
     WhiteNoise,
     average,
@@ -39,6 +43,7 @@ from stochvi import (
     impacts,
     linearise,
     reliability,
+    replay,
     screen,
     simulate,
     size,
@@ -47,11 +52,12 @@ from stochvi import (
     transient,
 )
 from stochvi.isolators import bumper_map
-from stochvi.mathematics.quadrature import gauss_panels
-from stochvi.methods.monte_carlo.choose_plan import make_plan
+from stochvi.mathematics.numerics import gauss_panels
+from stochvi.mathematics.unsteady_noise import SHAPES, PulseShape
+from stochvi.methods.monte_carlo.choose_plan import make_plan, plan_histories
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.model.model import model_of
-from stochvi.scenes import DriveFunction, Modulation, Pulses
+from stochvi.scenes import CrossDensity, DriveFunction, Modulation, Pulses, RecordedNoise
 from stochvi.testing import assert_agrees
 from support import naive
 
@@ -551,3 +557,321 @@ def test_a_level_raises_pulses() -> None:
     louder = scene_of(pulses).at_level(6.0).excitations[0]
     assert louder.si_intensity == pytest.approx(10.0**0.6 * pulses.si_intensity, rel=1e-12)
     assert louder.mean == pytest.approx(10.0**0.3 * pulses.mean, rel=1e-12)
+
+
+# ------------------------------------------------------------------------------
+# Noise of a steady kurtosis in scenes: what simulations make of it, and who refuses it.
+# ------------------------------------------------------------------------------
+
+
+Array = NDArray[np.float64]
+
+TRUCK = "mil-std-810h-truck-vertical-5hz"
+STIFF, SOFT = Isolator(frequency_hz=400.0, zeta=0.7), Isolator(frequency_hz=8.0, zeta=0.05)
+STOPS_OF_PEAKS = ImpactPair(clearance=5e-3, law=Restitution(coefficient=0.7))
+BAND = {"frequency_hz": [5.0, 100.0], "density": [0.01, 0.01], "unit": "g2/Hz"}
+
+
+def shaken(structure: Any = STIFF, pairs: Any = (), **keys: Any) -> Scene:
+    noise = TabulatedNoise(**BAND, **keys)
+    return Scene(structure=structure, impact_pairs=list(pairs), excitations=[noise])
+
+
+def flown(scene: Scene, paths: int, seconds: float) -> Array:
+    """Displacements (paths, samples)."""
+    plan = plan_histories(scene).plan.sampled(1e9, seconds)
+    samples = plan.history_samples(seconds)
+    parts = [plan.histories(3, first, 16, samples) for first in range(0, paths, 16)]
+    return np.concatenate([part.displacement[0] for part in parts])
+
+
+def shaking_of(scene: Scene, paths: int, seconds: float) -> Array:
+    """Forces on the mass (paths, samples)."""
+    plan = plan_histories(scene).plan.sampled(1e9, seconds)
+    samples = plan.history_samples(seconds)
+    return np.concatenate([plan.drive(3, path, samples, 0) for path in range(paths)])
+
+
+def kurtosis_of(records: Array) -> tuple[float, float]:
+    each = np.mean(records**4, axis=1) / np.mean(records**2) ** 2
+    return float(each.mean()), float(each.std(ddof=1) / math.sqrt(len(each)))
+
+
+@pytest.mark.slow
+def test_a_stiff_mount_follows_the_noise_kurtosis_and_all() -> None:
+    scene = shaken(kurtosis=5.0)
+    (input_, error), (output, its_error) = (
+        kurtosis_of(each(scene, 128, 10.0)) for each in (shaking_of, flown)
+    )
+    assert error < 0.12
+    assert abs(input_ - 5.0) < 4.5 * error + 0.05
+    assert abs(output - 5.0) < 4.5 * its_error + 0.25
+    # the control: Gaussian noise of the same density
+    plain, error = kurtosis_of(shaking_of(shaken(), 128, 10.0))
+    assert abs(plain - 3.0) < 4.5 * error < abs(plain - 5.0) / 2.0
+
+
+@pytest.mark.slow
+def test_a_narrow_mount_averages_the_peaks_out() -> None:
+    """To 3: a Gaussian answer is then right, whatever the kurtosis of the input."""
+    narrow, error = kurtosis_of(flown(shaken(SOFT, kurtosis=5.0), 128, 60.0))
+    assert error < 0.06
+    assert abs(narrow - 3.0) < 4.5 * error
+    wide, error = kurtosis_of(flown(shaken(STIFF, kurtosis=5.0), 64, 10.0))
+    assert wide - 3.0 > 9.0 * error
+
+
+def test_the_response_has_the_variance_of_the_density() -> None:
+    scene = shaken(Isolator(frequency_hz=30.0, zeta=0.2, mass=2.0), kurtosis=6.0)
+    exact = linearise(shaken(Isolator(frequency_hz=30.0, zeta=0.2, mass=2.0)))
+    found = simulate(scene, seed=2, rel_error=0.01)
+    for name in ("displacement_mean_square", "velocity_mean_square"):
+        own, known = (each.coordinates["x"][name] for each in (found, exact))
+        margin = 4.5 * own.standard_error + (own.bias or 0.0) + 0.003 * known.value
+        assert abs(own.value - known.value) < margin
+
+
+def test_a_path_at_half_the_sampling_rate_meets_the_same_peaks() -> None:
+    plan = plan_histories(shaken(kurtosis=5.0)).plan
+    fine, coarse = (
+        np.fft.rfft(each.free_response(1, 0, 2, 0)[:, 0, 0]) / each.samples
+        for each in (plan, plan.coarser())
+    )
+    assert len(fine) > 1.9 * len(coarse)
+    kept = len(coarse) - 1
+    assert np.allclose(fine[:kept], coarse[:kept], rtol=1e-9, atol=1e-12 * np.abs(fine).max())
+
+
+def test_simulations_follow_the_peaks() -> None:
+    """More impacts and a larger extreme than under Gaussian noise, by each command."""
+    mount = Isolator(frequency_hz=60.0, zeta=0.4, mass=1.0)
+    wide = ImpactPair(clearance=2.6e-4, law=Restitution(coefficient=0.7))
+    rates, largest = [], []
+    for keys in ({"kurtosis": 6.0}, {}):
+        scene = shaken(mount, [wide], **keys)
+        found = impacts(scene, seed=1, rel_error=0.1)
+        rates.append(found.pairs["stops"].rates["both"].estimate)
+        free = shaken(mount, **keys)
+        of = damage(free, mission=600.0, equipment=[20.0, 60.0, 200.0], exponent=6.0, seed=1,
+                    rel_error=0.2)  # fmt: skip
+        largest.append(of.with_stops.extreme_response.value)
+    assert rates[0].value - rates[1].value > 4.5 * math.hypot(
+        rates[0].standard_error, rates[1].standard_error
+    )
+    assert np.all(largest[0] > 1.05 * largest[1])
+    assert spectrum(shaken(mount, kurtosis=6.0), seed=1) is not None
+
+
+def test_methods_for_gaussian_motion_refuse_it_in_a_sentence() -> None:
+    with pytest.raises(NotApplicable, match="noise with fast peaks, of kurtosis 5; "):
+        linearise(shaken(SOFT, [STOPS_OF_PEAKS], kurtosis=5.0))
+
+
+def test_what_a_scene_may_not_say() -> None:
+    with pytest.raises(SceneError, match="above 3 and at most 20, got 25"):
+        TabulatedNoise(profile=TRUCK, kurtosis=25.0)
+    with pytest.raises(SceneError, match="needs kurtosis with level_time"):
+        TabulatedNoise(profile=TRUCK, level_time=2.0)
+    box = Matrices(
+        coordinates=["a", "b"], mass=np.eye(2).tolist(), damping=np.eye(2).tolist(),
+        stiffness=[[50.0, -20.0], [-20.0, 50.0]],
+    )  # fmt: skip
+    noises = [
+        TabulatedNoise(name=f"n{on}", on=on, frequency_hz=[0.2, 5.0], density=[0.3, 0.1],
+                       unit="N2/Hz", kurtosis=4.0)
+        for on in "ab"
+    ]  # fmt: skip
+    with pytest.raises(SceneError, match="has a kurtosis without level_time"):
+        Scene(structure=box, excitations=noises,
+              cross_densities=[CrossDensity(between=("na", "nb"), coherence=0.5)])  # fmt: skip
+    narrow = TabulatedNoise(frequency_hz=[50.0, 52.0], density=[1.0, 1.0], unit="(m/s2)2/Hz",
+                            kurtosis=20.0)  # fmt: skip
+    with pytest.raises(NotApplicable, match="kurtosis must be at most"):
+        simulate(Scene(structure=STIFF, excitations=[narrow]), seed=1)
+
+
+# ------------------------------------------------------------------------------
+# Shocks of a shape at random times: theorems, the limit of impulses, and replays judge.
+# ------------------------------------------------------------------------------
+
+
+M_OF_SHOCKS, F, ZETA = 2.0, 10.0, 0.05
+W_OF_SHOCKS = 2.0 * math.pi * F
+MASS_OF_SHOCKS = Oscillator(mass=M_OF_SHOCKS, frequency_hz=F, zeta=ZETA)
+PROFILE = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
+
+
+def shaken_of_shocks(*excitations: Any, pairs: Any = ()) -> Scene:
+    return Scene(structure=MASS_OF_SHOCKS, impact_pairs=list(pairs), excitations=excitations)
+
+
+def formula(shape: str, time: Array) -> Array:
+    """The shapes as a standard draws them, over their length."""
+    inside = (time >= 0.0) & (time <= 1.0)
+    return {
+        "half-sine": np.where(inside, np.sin(math.pi * time), 0.0),
+        "saw-tooth": np.where(inside, time, 0.0),
+        "trapezoid": np.where(inside, np.clip(np.minimum(time, 1.0 - time) / 0.1, 0.0, 1.0), 0.0),
+    }[shape]
+
+
+def responded(force: Array, step: float) -> Array:
+    """Displacement of the mass under a force, by Duhamel's integral."""
+    time = step * np.arange(len(force))
+    wave = W_OF_SHOCKS * math.sqrt(1.0 - ZETA**2)
+    kick = np.exp(-ZETA * W_OF_SHOCKS * time) * np.sin(wave * time) / (M_OF_SHOCKS * wave)
+    length = 2 * len(force)
+    return step * np.fft.irfft(np.fft.rfft(force, length) * np.fft.rfft(kick, length))[: len(force)]
+
+
+@pytest.mark.parametrize("shape", list(SHAPES))
+def test_the_transform_of_a_shape_is_its_integral(shape: str) -> None:
+    pulse, time = PulseShape(SHAPES[shape], 0.02), np.linspace(0.0, 1.0, 400_001)
+    for omega in (0.0, 50.0, 400.0, 1500.0):
+        wave = formula(shape, time) * np.exp(-1j * omega * 0.02 * time)
+        whole = 0.02 * np.trapezoid(wave, time)
+        found = pulse.transform(np.array([omega]))[0]
+        assert abs(found - whole) < 3e-3 * pulse.area  # a tooth falls within a 400th
+
+
+CASES: dict[str, dict[str, Any]] = {
+    "half-sine": {"duration": "20 ms"},
+    "saw-tooth": {"duration": 0.06, "two_sided": False},
+    "trapezoid": {"duration": 0.01, "sizes": "normal"},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", list(CASES))
+def test_a_linear_response_has_the_moments_of_campbell_shocks(shape: str) -> None:
+    """Mean, variance and fourth moment; that of a Gaussian motion is far away."""
+    keys = CASES[shape]
+    pulses = Pulses(rate=0.8, shape=shape, amplitude=30.0, **keys)
+    step = 1e-4
+    time = np.arange(0.0, 6.0, step)
+    assert pulses.shock is not None
+    moved = responded(30.0 * formula(shape, time / pulses.shock.duration), step)
+    kappa = [
+        pulses.rate * pulses.relative_moment(n) * float(np.trapezoid(moved**n, dx=step))
+        for n in (1, 2, 3, 4)
+    ]
+    plan = plan_histories(shaken_of_shocks(pulses)).plan.sampled(1e9, 60.0)
+    samples = plan.history_samples(60.0)
+    found = np.concatenate(
+        [plan.histories(3, k, 16, samples).displacement[0] for k in range(0, 256, 16)]
+    )
+    apart = found - kappa[0]
+    for values, known in (
+        (found, kappa[0]), (apart**2, kappa[1]), (apart**4, kappa[3] + 3.0 * kappa[1] ** 2),
+    ):  # fmt: skip
+        each = values.mean(axis=1)
+        error = float(each.std() / math.sqrt(len(each)))
+        assert abs(each.mean() - known) < 4.5 * error + 2e-3 * abs(known)
+    assert abs(each.mean() - 3.0 * kappa[1] ** 2) > 4.5 * error
+
+
+def test_short_shocks_are_impulses() -> None:
+    """Between rigid stops, by the engine that kicks the mass at each step."""
+    stops = [ImpactPair(clearance=0.003, law=Restitution(coefficient=0.6))]
+    length = 2e-3  # the response of 10 Hz to it is 7e-4 smaller than to an impulse
+    shocks = Pulses(
+        rate=5.0, shape="half-sine", duration=length, amplitude=0.3 * math.pi / 2.0 / length
+    )
+    found = [
+        simulate(shaken_of_shocks(each, pairs=stops), rel_error=0.05, seed=seed)
+        for seed, each in enumerate((shocks, Pulses(rate=5.0, impulse=0.3)))
+    ]
+    for name in ("collision_rate", "impact_speed_rate"):
+        one, other = (each.impact_pairs["stops"][name] for each in found)
+        assert abs(one.value - other.value) < math.hypot(one.reach(4.5), other.reach(4.5))
+    # shocks as long as half a period are told apart
+    slow = shocks.replace(duration=0.05, amplitude=0.3 * math.pi / 2.0 / 0.05)
+    third = simulate(shaken_of_shocks(slow, pairs=stops), rel_error=0.05, seed=3)
+    one, other = third.impact_pairs["stops"]["collision_rate"], found[1].impact_pairs["stops"]
+    rate = other["collision_rate"]
+    assert abs(one.value - rate.value) > math.hypot(one.reach(4.5), rate.reach(4.5))
+
+
+@pytest.mark.slow
+def test_a_shock_alone_is_that_of_a_replayed_record(tmp_path: Path) -> None:
+    structure = Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0)
+    fs, length, peak = 20_000.0, 0.011, 150.0
+    time = np.arange(round(10.0 * fs)) / fs
+    values = peak * formula("half-sine", (time - 0.1) / length)
+    np.savetxt(tmp_path / "shock.txt", values - values.mean())
+    record = RecordedNoise(file=str(tmp_path / "shock.txt"), unit="m/s2", fs=fs)
+    alone = replay(Scene(structure=structure, excitations=[record])).coordinates["x"]
+    inside = (time >= 0.1) & (time <= 0.1 + length)
+    np.savetxt(tmp_path / "pulse.txt", values[inside][1:])
+    pulses = [
+        Pulses(rate="90/h", shape="half-sine", duration=length, amplitude=peak),
+        Pulses(rate="90/h", file=str(tmp_path / "pulse.txt"), unit="m/s2", fs=fs),
+    ]
+    largest = []
+    for each in pulses:
+        plan = plan_histories(Scene(structure=structure, excitations=[each])).plan
+        plan = plan.sampled(1e-4, 100.0)
+        moved = plan.histories(1, 0, 2, plan.history_samples(100.0)).displacement[0]
+        largest.append(np.abs(moved).max())
+    assert largest[0] == pytest.approx(largest[1], rel=1e-3)
+    most = max(abs(alone["displacement_max"].value), abs(alone["displacement_min"].value))
+    # the mean of the record is left out of the replay, 0.2 % of the displacement
+    assert largest[0] == pytest.approx(most, rel=3e-3)
+
+
+def test_damage_takes_shocks_and_other_methods_refuse_them() -> None:
+    structure = Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0)
+    shocks = Pulses(rate=0.5, shape="half-sine", duration="20 ms", amplitude=60.0)
+    pair = ImpactPair(clearance=0.01, law=Restitution(coefficient=0.7))
+    scene = Scene(structure=structure, impact_pairs=[pair], excitations=[PROFILE, shocks])
+    free = scene.replace(impact_pairs=[])
+    asked = {"mission": 600.0, "equipment": [39.9, 40.0, 60.0], "rel_error": 0.3}
+    with_shocks, without = (
+        damage(free, **asked),
+        damage(  # type: ignore[arg-type]
+            free.replace(excitations=[PROFILE]),
+            **asked,  # type: ignore[arg-type]
+        ),
+    )
+    assert with_shocks.way == "simulation" and without.way == "density"
+    more = with_shocks.with_stops.fatigue_damage, without.with_stops.fatigue_damage
+    assert np.all(more[0].value - more[1].value > 4.5 * more[0].standard_error)
+    for ask in (screen, linearise):
+        with pytest.raises(NotApplicable, match="must be Gaussian noise, got pulses of a shape"):
+            ask(scene)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({}, "needs exactly one of impulse, shape and file, got none"),
+        ({"impulse": 1.0, "shape": "half-sine"}, "needs exactly one of impulse, shape and file"),
+        ({"shape": "half-sine"}, "needs duration and amplitude with shape"),
+        ({"impulse": 1.0, "duration": 0.01}, "has duration, which does not go with impulse"),
+        ({"shape": "square", "duration": 0.01, "amplitude": 1.0}, "shape"),
+        ({"impulse": 1.0, "rate": "often"}, "rate"),
+    ],
+)
+def test_wrong_keys_are_named(keys: dict[str, Any], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        shaken_of_shocks({"kind": "pulses", "rate": 1.0} | keys)
+
+
+def test_a_level_raises_the_peak() -> None:
+    pulses = Pulses(rate=1.0, shape="trapezoid", duration=0.01, amplitude=10.0)
+    assert pulses.louder(20.0).size == pytest.approx(100.0)
+    assert pulses.moment(2) == pytest.approx(100.0)
+
+
+def test_the_peak_of_a_shape_may_be_in_g() -> None:
+    shape = {"rate": 2.0, "shape": "half-sine", "duration": "20 ms"}
+    in_g, plain = Pulses(**shape, amplitude=3.0, unit="g"), Pulses(**shape, amplitude=29.41995)
+    assert in_g.size == pytest.approx(plain.size) and in_g.moment(2) == pytest.approx(
+        plain.moment(2)
+    )
+    louder = in_g.louder(6.0)
+    assert louder.size == pytest.approx(plain.louder(6.0).size) and louder.unit == "g"
+    with pytest.raises(SceneError, match="unit"):
+        Pulses(**shape, amplitude=3.0, unit="mm")
+    with pytest.raises(SceneError, match="does not go with impulse"):
+        Pulses(rate=2.0, impulse=0.1, unit="g")

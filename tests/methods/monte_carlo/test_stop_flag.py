@@ -16,20 +16,29 @@ import numpy as np
 import pytest
 
 from stochvi import NotConverged, impacts, load_scene, simulate
-from stochvi.methods.monte_carlo import response_sampler
-from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.missions import MissionPlan, passage_plan
-from stochvi.methods.monte_carlo.response_sampler import averages_in_time
-from stochvi.methods.monte_carlo.splitting import crude, pilot_levels, repetition
+from stochvi.methods.monte_carlo import choose_plan
+from stochvi.methods.monte_carlo.choose_plan import averages_in_time, make_plan
+from stochvi.methods.monte_carlo.missions import (
+    MissionPlan,
+    crude,
+    passage_plan,
+    pilot_levels,
+    repetition,
+)
 from stochvi.model.model import model_of
 from stochvi.results import Interrupted
 from stochvi.results.deadline import Deadline
-from stochvi.sampling import blocks
-from stochvi.sampling import stop_flag as room
-from stochvi.sampling.blocks import in_pieces
+from stochvi.sampling import calculations
+from stochvi.sampling import calculations as room
+from stochvi.sampling.calculations import (
+    GivenUp,
+    ListSampler,
+    check_flag,
+    given_up_after,
+    in_pieces,
+    stop_flag,
+)
 from stochvi.sampling.run import Run
-from stochvi.sampling.sampler import ListSampler
-from stochvi.sampling.stop_flag import GivenUp, check_flag, given_up_after, stop_flag
 from stochvi.sampling.workers import pool_of
 from stochvi.scenes.datasets import shipped_scene, zoo_files
 from support.known import oscillator
@@ -130,7 +139,7 @@ def test_pieces_grow_where_a_few_paths_take_as_long_as_many(
         sizes.append(paths)
         return paths
 
-    monkeypatch.setattr(blocks.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(calculations.time, "perf_counter", lambda: clock[0])
     in_pieces(make, 0, 300, Deadline.after(1000.0))
     assert sizes[:4] == [2, 8, 32, 64] and sum(sizes) == 300 and len(sizes) < 9
 
@@ -155,10 +164,10 @@ def test_ctrl_c_does_not_wait_for_a_path_that_takes_long(
         with given_up_after(deadline):
             yield
 
-    monkeypatch.setattr(blocks, "given_up_after", pressed)
-    monkeypatch.setattr(response_sampler, "given_up_after", pressed)
+    monkeypatch.setattr(calculations, "given_up_after", pressed)
+    monkeypatch.setattr(choose_plan, "given_up_after", pressed)
     # the guard of budgets, which would end it on a busy machine, goes by the clock
-    monkeypatch.setattr("stochvi.model.calculations.ended_by", lambda _: nullcontext())
+    monkeypatch.setattr("stochvi.sampling.calculations.ended_by", lambda _: nullcontext())
     with pytest.raises(Interrupted, match=r"before two paths|after 4 of 4 paths, cut after"):
         solve(oscillator(-1.0, 1.0, 0.5), paths=4, duration=LONG[solve], budget=3600.0, threads=1)
 
@@ -176,8 +185,8 @@ def test_ctrl_c_in_the_burn_in_says_that_there_is_no_path(
         yield
         stop_flag()[0] = 0
 
-    monkeypatch.setattr(blocks, "given_up_after", pressed)
-    monkeypatch.setattr(response_sampler, "given_up_after", pressed)
+    monkeypatch.setattr(calculations, "given_up_after", pressed)
+    monkeypatch.setattr(choose_plan, "given_up_after", pressed)
     with pytest.raises(Interrupted, match="by Ctrl-C before two paths were simulated"):
         solve(oscillator(-1.0, 1.0, 0.5), paths=4, budget=3600.0, threads=1)
     check_flag()

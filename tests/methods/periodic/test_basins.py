@@ -20,7 +20,7 @@ from stochvi import (
     harmonic_response,
 )
 from stochvi.methods.periodic import Basins, basins, bifurcation, lyapunov_exponent
-from stochvi.methods.periodic.basins import BLOCK, FIRST, block_of
+from stochvi.methods.periodic.attracted import BLOCK, FIRST, block_of
 from support.bounces import Bounces
 
 GAP, DRIVE = 4e-4, 200.0 * math.pi

@@ -3,46 +3,58 @@
 from __future__ import annotations
 
 import importlib
+import itertools
 import json
 import math
 from collections.abc import Callable
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+import scipy
 from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
+from scipy.signal import lsim
 
 from stochvi import (
     ConstantLoad,
     Elastic,
+    ForceFunction,
     ForceTable,
     ImpactPair,
     Isolator,
     Matrices,
     NotApplicable,
     NotConverged,
+    Oscillator,
     PowerLaw,
     RecordedNoise,
     Restitution,
     Scene,
+    SpeedRestitution,
     Viscoelastic,
     WhiteNoise,
     damage,
     replay,
+    simulate,
 )
+from stochvi.engine.calls import FIRST_DRAW, MOST_DRAWS, changes_of
+from stochvi.engine.laws import CELLS
 from stochvi.methods.replay import Replay
 from stochvi.methods.replay.march import SampledExcitation, integrate
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline
-from stochvi.scenes import Hertz
+from stochvi.scenes import DriveFunction, Hertz, Pulses
+from stochvi.scenes.excitations import BaseExcitation
 from stochvi.scenes.impact_laws import CompliantLaw, Law
-from stochvi.views.replay import draw_replay, plot_clearances, plot_waterfall
+from stochvi.views.verification import draw_replay, plot_clearances, plot_waterfall
+from support import naive
+from support.accuracies import quick_cases
 from support.commands import Run, one_document, refused
 
 Vector = NDArray[np.float64]
@@ -431,7 +443,7 @@ def test_compiling_is_no_part_of_the_time_that_a_replay_takes(
         return integrate(*args, **more)
 
     now = [1000.0]
-    method = importlib.import_module("stochvi.methods.replay.method")
+    method = importlib.import_module("stochvi.methods.replay.recorded_motion")
     march = importlib.import_module("stochvi.methods.replay.march")
     monkeypatch.setattr(march, "integrate", slow_at_first)
     monkeypatch.setattr(method.time, "perf_counter", lambda: now[0])
@@ -591,3 +603,569 @@ def _plain_steps(base, h, k, c, gap, stop, n1, damper, m1):  # type: ignore[no-u
         if depth == 0.0 and abs(x) > gap:
             rows[n, 4] = v
     return rows
+
+
+# ------------------------------------------------------------------------------
+# Impulses and random forces beside a record: their momentum, their statistics, their motion.
+# ------------------------------------------------------------------------------
+
+
+FS_OF_DRAWN, MASS_OF_DRAWN, DRAWN_LENGTH = 500.0, 2.0, 4000
+MOUNT_OF_DRAWN = {"mass": MASS_OF_DRAWN, "frequency_hz": 10.0, "zeta": 0.05}
+KNOCKS = Pulses(on="x", rate=5.0, impulse=0.3, sizes="exponential")
+STOPS = ImpactPair(clearance=3e-3, law=Restitution(coefficient=0.6))
+CHANGES = 2.0
+
+
+def switch(value: float, time: float, uniform: float) -> float:
+    """On or off, with 2 changes per second."""
+    on = value > 0.5
+    changes = uniform < 0.5 * (1.0 - math.exp(-2.0 * CHANGES * time))
+    return 0.0 if on == changes else 1.0
+
+
+GUST = DriveFunction(on="x", function=switch, rate=2.0 * CHANGES, amplitude=20.0)
+
+
+def record(
+    folder: Path, samples: int = DRAWN_LENGTH, size: float = 0.5, **where: str
+) -> RecordedNoise:
+    file = folder / f"{samples}-{size:g}.txt"
+    np.savetxt(file, size * np.random.default_rng(3).normal(size=samples), fmt="%.17g")
+    return RecordedNoise(file=str(file), unit="m/s2", fs=FS_OF_DRAWN, **where)
+
+
+def mount_of(folder: Path, *drives: BaseExcitation, pairs: tuple = (), samples: int = DRAWN_LENGTH,
+             size: float = 0.5) -> Scene:  # fmt: skip
+    return Scene(
+        structure=Isolator(**MOUNT_OF_DRAWN), impact_pairs=list(pairs),
+        excitations=[record(folder, samples, size), *drives],
+    )  # fmt: skip
+
+
+def momenta(
+    scene: Scene, number: int = 0, seed: int = 0, samples: int = DRAWN_LENGTH
+) -> np.ndarray:
+    """Momentum, N s, or m/s of the base, that a drive brings in each sampling interval."""
+    part = model_of(scene).drives[number]
+    found = np.empty(samples)
+    event = FIRST_DRAW + number * MOST_DRAWS
+    changes_of(part.law.compiled(part.mass), np.uint64(seed), event, 1.0 / FS_OF_DRAWN, found)
+    return part.mass * found
+
+
+def linear_of_drawn(
+    forces: np.ndarray, mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray
+):
+    """Displacements under forces that are linear between samples, by scipy."""
+    n, inverse = len(mass), np.linalg.inv(mass)
+    flow = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ stiffness, -inverse @ damping]])
+    into = np.vstack([np.zeros((n, n)), inverse])
+    system = (flow, into, np.eye(n, 2 * n), np.zeros((n, n)))
+    return lsim(system, forces, np.arange(len(forces)) / FS_OF_DRAWN, interp=True)[1].reshape(-1, n)
+
+
+@pytest.mark.parametrize("on_base", [False, True])
+def test_one_mass_moves_by_the_momenta_as_well(tmp_path: Path, on_base: bool) -> None:
+    knocks = Pulses(on="base", rate=5.0, impulse=0.1) if on_base else KNOCKS
+    scene = mount_of(tmp_path, knocks, GUST)
+    with_them = replay(scene, seed=4).only.histories.displacement["x"]
+    without = replay(mount_of(tmp_path)).only.histories.displacement["x"]
+    forces = FS_OF_DRAWN * momenta(scene, 0, 4) * (
+        -MASS_OF_DRAWN if on_base else 1.0
+    ) + FS_OF_DRAWN * momenta(scene, 1, 4)
+    omega = 2.0 * math.pi * MOUNT_OF_DRAWN["frequency_hz"]
+    numbers = [
+        np.array([[MASS_OF_DRAWN * each]])
+        for each in (1.0, 2.0 * MOUNT_OF_DRAWN["zeta"] * omega, omega**2)
+    ]
+    expected = linear_of_drawn(forces[:, None], *numbers)[:, 0]
+    assert np.abs(expected).max() > 1e-4
+    assert with_them - without == pytest.approx(expected, abs=1e-9 * np.abs(expected).max() + 1e-12)
+    # the control: another seed is another realisation
+    other = replay(scene, seed=5).only.histories.displacement["x"]
+    assert np.abs(other - with_them).max() > 0.1 * np.abs(expected).max()
+
+
+def test_six_modes_move_by_them_as_well(tmp_path: Path) -> None:
+    n = 6
+    mass, stiffness = np.eye(n), 4e3 * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    damping, names = 2.0 * np.eye(n) + 1e-3 * stiffness, [f"x{k}" for k in range(n)]
+    structure = Matrices(coordinates=names, mass=mass.tolist(), damping=damping.tolist(),
+                         stiffness=stiffness.tolist())  # fmt: skip
+    file = tmp_path / "force.txt"
+    np.savetxt(file, np.random.default_rng(3).normal(size=DRAWN_LENGTH), fmt="%.17g")
+    pushed = RecordedNoise(file=str(file), unit="N", fs=FS_OF_DRAWN, on="x0")
+    drives = [KNOCKS.replace(on="x2"), GUST.replace(between=("x4", "x1"), on=None)]
+    scene = Scene(structure=structure, excitations=[pushed, *drives])
+    quiet = scene.replace(excitations=[pushed])
+    motions = [replay(each, seed=2).only.histories.displacement for each in (scene, quiet)]
+    forces = np.zeros((DRAWN_LENGTH, n))
+    forces[:, 2] = FS_OF_DRAWN * momenta(scene, 0, 2)
+    gust = FS_OF_DRAWN * momenta(scene, 1, 2)
+    forces[:, 4], forces[:, 1] = gust, -gust
+    expected = linear_of_drawn(forces, mass, damping, stiffness)
+    for k, name in enumerate(names):
+        apart = motions[0][name] - motions[1][name]
+        assert apart == pytest.approx(expected[:, k], abs=1e-8 * np.abs(expected).max())
+
+
+def test_impulses_and_switches_have_their_statistics(tmp_path: Path) -> None:
+    scene = mount_of(tmp_path, KNOCKS, GUST)
+    samples, seeds = 50_000, range(20)
+    knocks = np.array([momenta(scene, 0, seed, samples) for seed in seeds])
+    time = samples / FS_OF_DRAWN
+    for found, expected in (
+        ((knocks**2).sum(axis=1) / time, 5.0 * 2.0 * 0.3**2),  # rate * E J^2
+        (np.abs(knocks).sum(axis=1) / time, 5.0 * 0.3),
+        (knocks.sum(axis=1) / time, 0.0),
+    ):
+        error = found.std(ddof=1) / math.sqrt(len(found))
+        assert abs(found.mean() - expected) < 4.5 * error
+        assert abs(found.mean() - 1.2 * expected - 0.3) > 4.5 * error
+    force = FS_OF_DRAWN * np.array([momenta(scene, 1, seed, samples) for seed in seeds])
+    assert set(np.round(np.unique(force), 9)) == {0.0, 20.0}
+    changes = (np.diff(force, axis=1) != 0.0).sum(axis=1) / time
+    assert abs(changes.mean() - CHANGES) < 4.5 * changes.std(ddof=1) / math.sqrt(len(changes))
+
+
+@pytest.mark.slow
+def test_impacts_are_as_frequent_as_in_a_simulation(tmp_path: Path) -> None:
+    """A record that hardly moves the mass; the same pulses alone are simulated."""
+    scene = mount_of(tmp_path, KNOCKS, pairs=(STOPS,), samples=50_000, size=1e-9)
+    found = [replay(scene, seed=seed).only for seed in range(12)]
+    alone = Scene(
+        structure=Oscillator(**MOUNT_OF_DRAWN), impact_pairs=[STOPS], excitations=[KNOCKS]
+    )
+    answer = simulate(alone, rel_error=0.01, seed=1)
+    for values, known in (
+        ([float(each.coordinates["x"].displacement_std) for each in found],
+         answer.coordinates["x"]["displacement_std"]),
+        ([float(each.impacts.query("speed > 0.05").shape[0]) / 100.0 for each in found],
+         simulate(alone, rel_error=0.01, seed=1, speed_threshold=0.05)
+         .impact_pairs["stops"]["collision_rate"]),
+    ):  # fmt: skip
+        error = math.hypot(np.std(values, ddof=1) / math.sqrt(len(values)), known.standard_error)
+        limit = 4.5 * error + (known.bias or 0.0)
+        assert abs(np.mean(values) - known.value) < limit
+        assert abs(np.mean(values) - 1.3 * known.value) > limit
+
+
+def test_shocks_noise_and_damage_are_refused(tmp_path: Path) -> None:
+    shock = Pulses(rate=0.1, shape="half-sine", duration=0.02, amplitude=50.0)
+    with pytest.raises(NotApplicable, match="a shock belongs in the record"):
+        replay(mount_of(tmp_path, shock))
+    with pytest.raises(NotApplicable, match="damage does not apply: excitation must be Gaussian"):
+        damage(mount_of(tmp_path, KNOCKS), equipment=[50.0], way="record")
+    told = replay(mount_of(tmp_path, KNOCKS), seed=7)
+    assert any("drawn (seed 7)" in each for each in told.assumptions)
+    assert told.provenance["seed"] == 7
+
+
+# ------------------------------------------------------------------------------
+# A restitution that scatters, in a replay: drawn by the seed and the number of the impact.
+# ------------------------------------------------------------------------------
+
+
+WIDE = {"mean": 0.5, "std": 0.25}
+
+
+@pytest.fixture
+def pushed(tmp_path: Path) -> Any:
+    """A mount that a push of 20 ms throws onto its stops."""
+    file = tmp_path / "push.txt"
+    np.savetxt(file, np.where(np.arange(300) < 20, 1.0, 0.0))
+
+    def scene(coefficient: Any) -> Scene:
+        return Scene(
+            structure=Isolator(frequency_hz=2.0, zeta=0.01),
+            impact_pairs=[
+                ImpactPair(lower=-0.004, upper=0.004, law=Restitution(coefficient=coefficient))
+            ],
+            excitations=[RecordedNoise(file=str(file), unit="g", fs=1000.0)],
+        )
+
+    return scene
+
+
+def velocity_after(found: Replay) -> float:
+    """Velocity at the sample after the first impact, which is linear in its restitution."""
+    table = found.histories.to_frame()
+    return float(table["velocity"][table["time"] > found.impacts["time"][0]].iloc[0])
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 77])
+def test_the_first_restitution_is_that_of_the_plain_twin(pushed: Any, seed: int) -> None:
+    low, high = (velocity_after(replay(pushed(r))) for r in (0.0001, 0.9))
+    found = replay(pushed(WIDE), seed=seed)
+    share = (velocity_after(found) - low) / (high - low)
+    law = Restitution(coefficient=WIDE).scatter
+    assert law is not None
+    middles, widths = law.cells(CELLS)
+    place = naive.uniform(seed, 0) * CELLS
+    cell = int(place)
+    drawn = float(middles[cell] + widths[cell] * (place - cell - 0.5))
+    assert 0.0001 + share * (0.9 - 0.0001) == pytest.approx(drawn, rel=1e-6)
+
+
+def test_a_seed_is_a_realisation(pushed: Any) -> None:
+    one, again, other = (replay(pushed(WIDE), seed=seed) for seed in (3, 3, 4))
+    assert one.impacts.equals(again.impacts) and not one.impacts.equals(other.impacts)
+    assert one.provenance["seed"] == 3
+    assert any("seed 3" in each for each in one.assumptions)
+    with pytest.raises(ValueError, match=r"seed must be in \[0, 2\^63\), got -1"):
+        replay(pushed(WIDE), seed=-1)
+
+
+def test_without_scatter_it_is_the_plain_replay(pushed: Any) -> None:
+    plain, still = (replay(pushed(r), seed=5) for r in (0.5, {"mean": 0.5, "std": 0.0}))
+    assert plain.impacts.equals(still.impacts)
+    assert plain.provenance["seed"] is still.provenance["seed"] is None
+
+
+# ------------------------------------------------------------------------------
+# A cantilever that slaps against a spring stop: its modes against finite elements in time.
+# ------------------------------------------------------------------------------
+
+
+LENGTH, WIDTH, HEIGHT, YOUNG, DENSITY, ZETA = 0.25, 0.02, 0.003, 7e10, 2700.0, 0.02
+STIFFNESS, CLEARANCE = 2e4, 5e-4
+RATE, SAMPLES_OF_ELEMENTS = 8000.0, 2000
+
+
+def base_acceleration() -> np.ndarray:
+    """A quarter of a second of noise below 600 Hz, m/s^2."""
+    low_pass = scipy.signal.butter(4, 600.0 / (RATE / 2.0))
+    noise = np.random.default_rng(3).normal(size=SAMPLES_OF_ELEMENTS)
+    found = 60.0 * scipy.signal.lfilter(*low_pass, noise)
+    return found - found.mean()
+
+
+def elements(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mass, stiffness and inertia under the base of a cantilever of elements with cubic shapes."""
+    h, bending = LENGTH / count, YOUNG * WIDTH * HEIGHT**3 / 12.0
+    per_length = DENSITY * WIDTH * HEIGHT
+    k = np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2],
+                  [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h**2, -6 * h, 4 * h**2]])  # fmt: skip
+    m = np.array([[156, 22 * h, 54, -13 * h], [22 * h, 4 * h**2, 13 * h, -3 * h**2],
+                  [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h**2, -22 * h, 4 * h**2]])  # fmt: skip
+    size = 2 * count + 2
+    mass, stiffness = np.zeros((size, size)), np.zeros((size, size))
+    for each in range(count):
+        part = slice(2 * each, 2 * each + 4)
+        mass[part, part] += per_length * h / 420.0 * m
+        stiffness[part, part] += bending / h**3 * k
+    follow = mass @ np.tile([1.0, 0.0], count + 1)
+    return mass[2:, 2:], stiffness[2:, 2:], follow[2:]
+
+
+def newmark(count: int, parts: int) -> tuple[np.ndarray, int, float]:
+    """Displacement of the tip at the samples, contacts, and the largest force on the stop, by the
+    rule of Newmark with constant mean acceleration and `parts` steps a sample."""
+    mass, stiffness, follow = elements(count)
+    squares, shapes = scipy.linalg.eigh(stiffness, mass)
+    damping = mass @ shapes @ np.diag(2.0 * ZETA * np.sqrt(squares)) @ shapes.T @ mass
+    h, tip, base = 1.0 / (RATE * parts), len(mass) - 2, base_acceleration()
+    inverse = np.linalg.inv(mass + h / 2.0 * damping + h**2 / 4.0 * stiffness)
+    column = inverse[:, tip].copy()
+    stop = h**2 / 4.0 * STIFFNESS
+    x, v = np.zeros(len(mass)), np.zeros(len(mass))
+    a = np.linalg.solve(mass, -follow * base[0])
+    tips, peak, contacts, touching = [0.0], 0.0, 0, False
+    for first, second in itertools.pairwise(base):
+        for part in range(1, parts + 1):
+            shaken = first + (second - first) * part / parts
+            ahead, faster = x + h * v + h**2 / 4.0 * a, v + h / 2.0 * a
+            a = inverse @ (-follow * shaken - stiffness @ ahead - damping @ faster)
+            beyond = ahead[tip] + h**2 / 4.0 * a[tip] - CLEARANCE
+            if beyond > 0.0:  # the stop adds its stiffness to the matrix of the step
+                contacts, touching = contacts + (not touching), True
+                a = a - column * STIFFNESS * beyond / (1.0 + stop * column[tip])
+            else:
+                touching = False
+            x, v = ahead + h**2 / 4.0 * a, faster + h / 2.0 * a
+            peak = max(peak, STIFFNESS * (x[tip] - CLEARANCE))
+        tips.append(x[tip])
+    return np.array(tips), contacts, peak
+
+
+def measures(count: int) -> dict[str, Any]:
+    """Keys of the cantilever with `count` modes."""
+    return {
+        "kind": "beam", "length": LENGTH, "width": WIDTH, "height": HEIGHT, "young": YOUNG,
+        "density": DENSITY, "zeta": ZETA, "support": "cantilever", "modes": count,
+        "points": {"tip": 1.0},
+    }  # fmt: skip
+
+
+def textbook_modes(count: int) -> dict[str, Any]:
+    """Keys of the same modes from a textbook, without the compliance of those left out."""
+    guesses = [1.875, 4.694, *(math.pi * (n - 0.5) for n in range(3, count + 1))][:count]
+    waves = scipy.optimize.newton(lambda k: np.cos(k) + 1.0 / np.cosh(k), np.array(guesses))
+    sigma = (np.sinh(waves) - np.sin(waves)) / (np.cosh(waves) + np.cos(waves))
+    mass = DENSITY * WIDTH * HEIGHT * LENGTH
+    rate = math.sqrt(YOUNG * WIDTH * HEIGHT**3 / 12.0 / (mass * LENGTH**3))
+    return {
+        "kind": "modes", "zeta": ZETA, "modal_mass": mass / 4.0,
+        "frequency_hz": (waves**2 * rate / (2.0 * math.pi)).tolist(),
+        "shapes": {"tip": [1.0] * count},
+        "participation": (4.0 * sigma / waves * (-1.0) ** np.arange(count)).tolist(),
+    }  # fmt: skip
+
+
+def replayed(structure: dict[str, Any], folder: Path) -> Replay:
+    record = folder / "base.txt"
+    np.savetxt(record, base_acceleration())
+    scene = Scene(
+        structure=structure,
+        impact_pairs=[ImpactPair(on="tip", upper=CLEARANCE, law=Elastic(stiffness=STIFFNESS))],
+        excitations=[RecordedNoise(file=str(record), unit="m/s2", fs=RATE, on="base")],
+    )
+    return replay(scene)
+
+
+def tip_of(found: Replay) -> np.ndarray:
+    """Displacement of the tip: shapes are 1 there, so that it is the sum of all modes."""
+    modes = [name for name in found.histories.displacement if name.startswith("mode ")]
+    return np.sum([found.histories.displacement[name] for name in modes], axis=0)
+
+
+def peak_force(found: Replay) -> float:
+    return found.impact_pairs["stops"].peak_force.value
+
+
+def test_modes_of_a_beam_at_a_stop_are_finite_elements_in_time(tmp_path: Path) -> None:
+    coarse, _, coarse_peak = newmark(24, 6)
+    tip, contacts, peak = newmark(48, 12)
+    found = replayed(measures(10), tmp_path)
+    ours = tip_of(found)
+    assert found.impact_pairs["stops"].hits.value == contacts == 8
+    # the rule of Newmark is of second order: the finer one is off by a third of the difference
+    error = np.abs(tip - coarse).max()
+    assert error < 0.02 * np.abs(tip).max()
+    assert np.abs(ours - tip).max() < error
+    assert peak_force(found) == pytest.approx(peak, abs=abs(peak - coarse_peak) + 1e-3 * peak)
+    # one mode alone hits half as often: the comparison would see a wrong structure
+    assert replayed(textbook_modes(1), tmp_path).impact_pairs["stops"].hits.value == 4
+
+
+def test_the_compliance_of_left_out_modes_quickens_convergence(tmp_path: Path) -> None:
+    peak = peak_force(replayed(measures(16), tmp_path))
+    for count in (2, 3, 4):
+        error, plain = (
+            abs(peak_force(replayed(structure, tmp_path)) / peak - 1.0)
+            for structure in (measures(count), textbook_modes(count))
+        )
+        assert error < 0.4 * plain
+
+
+# ------------------------------------------------------------------------------
+# Any two laws of stops side by side in a replay, against a plain integration of their formulas.
+# ------------------------------------------------------------------------------
+
+
+FS_OF_LAWS, SAMPLES_OF_LAWS, JUDGED, GAP, SEED = 250.0, 256, 40, 2e-3, 5
+"""Sampling rate, samples of the record and those that are judged, clearance, and seed of draws."""
+
+MASSES, DAMPING = np.array([2.0, 0.5]), np.array([[20.0, -4.0], [-4.0, 6.0]])
+STIFFNESS_OF_LAWS = np.array([[12e3, -2e3], [-2e3, 4e3]])
+WIDE_OF_LAWS = Restitution(coefficient={"mean": 0.6, "std": 0.1})
+
+Force = Callable[[float, float], float]
+Rebound = Callable[[float, int], float]
+
+
+def drawn(w: float, number: int) -> float:
+    """Speed after an impact whose restitution is the draw of this number."""
+    assert WIDE_OF_LAWS.scatter is not None
+    middles, widths = WIDE_OF_LAWS.scatter.cells(CELLS)
+    place = naive.uniform(SEED, number) * CELLS
+    return float(middles[int(place)] + widths[int(place)] * (place % 1.0 - 0.5)) * w
+
+
+class Plain(NamedTuple):
+    """A law, and what it says: a force (N) of deflection and rate, or the speed after an impact."""
+
+    law: Law
+    force: Force | None = None
+    rebound: Rebound | None = None
+
+
+def plain_laws(mass: float) -> list[Plain]:
+    """The laws, with the numbers of those that depend on the mass of the pair."""
+    damper = 2.0 * 0.3 * math.sqrt(2e5 * mass)
+    return [
+        Plain(Restitution(coefficient=0.6), rebound=lambda w, _: 0.6 * w),
+        Plain(
+            SpeedRestitution(speed=[0.1, 1.1], coefficient=[0.7, 0.3]),
+            rebound=lambda w, _: (0.7 - 0.4 * min(max(w - 0.1, 0.0), 1.0)) * w,
+        ),
+        Plain(WIDE_OF_LAWS, rebound=drawn),
+        Plain(Elastic(stiffness=3e5), lambda y, v: 3e5 * y),
+        Plain(
+            ForceTable(deflection=[1e-4, 4e-4], force=[5.0, 120.0]),
+            lambda y, v: 5e4 * y if y < 1e-4 else 5.0 + 115.0 * (y - 1e-4) / 3e-4,
+        ),
+        Plain(
+            Viscoelastic(stiffness=2e5, damping_ratio=0.3),
+            lambda y, v: max(2e5 * y + damper * v, 0.0),
+        ),
+        Plain(Hertz(coefficient=4e6), lambda y, v: 4e6 * y**1.5),
+        Plain(
+            PowerLaw(coefficient=4e7, exponent=1.8, loss=1e7),
+            lambda y, v: max((4e7 + 1e7 * v) * y**1.8, 0.0),
+        ),
+        Plain(
+            ForceFunction(force=lambda y, v: 1e5 * y * (1.0 + 0.3 * v)),
+            lambda y, v: max(1e5 * y * (1.0 + 0.3 * v), 0.0),
+        ),
+    ]
+
+
+class Stop(NamedTuple):
+    """A stop of one of the masses."""
+
+    of: int
+    side: float
+    law: Plain
+
+
+def accelerations(seed: int) -> np.ndarray:
+    """Band-limited noise, m/s^2, mean taken off."""
+    spectrum = np.fft.rfft(np.random.default_rng(seed).normal(size=SAMPLES_OF_LAWS))
+    spectrum[np.fft.rfftfreq(SAMPLES_OF_LAWS, 1.0 / FS_OF_LAWS) > 40.0] = 0.0
+    a = 90.0 * np.fft.irfft(spectrum, SAMPLES_OF_LAWS)
+    return np.asarray(a - a.mean())
+
+
+def integrated_of_laws(
+    a: np.ndarray, masses: np.ndarray, stops: list[Stop]
+) -> tuple[np.ndarray, list]:
+    """Displacements at the samples, and (stop, speed) of the impacts in their order."""
+    n, times, draws = len(masses), np.arange(len(a)) / FS_OF_LAWS, 0
+    damping, stiffness = DAMPING[:n, :n], STIFFNESS_OF_LAWS[:n, :n]
+
+    def depth(s: np.ndarray, stop: Stop) -> float:
+        return stop.side * float(s[stop.of]) - GAP
+
+    def rate(t: float, s: np.ndarray) -> np.ndarray:
+        forces = -stiffness @ s[:n] - damping @ s[n:]
+        for stop in stops:
+            y = depth(s, stop)
+            if stop.law.force is not None and y > 0.0:
+                forces[stop.of] -= stop.side * stop.law.force(y, stop.side * s[n + stop.of])
+        return np.concatenate([s[n:], forces / masses - np.interp(t, times, a)])
+
+    def touch(stop: Stop) -> Callable[[float, np.ndarray], float]:
+        def event(t: float, s: np.ndarray) -> float:
+            return depth(s, stop)
+
+        event.direction, event.terminal = 1.0, True  # type: ignore[attr-defined]
+        return event
+
+    state, hits, found = np.zeros(2 * n), [], [np.zeros(n)]
+    for begin, end in pairwise(times):
+        now = begin
+        while now < end:
+            part = solve_ivp(rate, (now, end), state, "DOP853", events=[touch(s) for s in stops],
+                             rtol=1e-9, atol=1e-12, max_step=2.5e-4)  # fmt: skip
+            now, state = part.t[-1], part.y[:, -1]
+            if part.status != 1:
+                continue
+            which = next(k for k, each in enumerate(part.t_events) if len(each))
+            stop = stops[which]
+            speed = stop.side * state[n + stop.of]
+            hits.append((which, speed))
+            assert len(hits) < 200
+            if stop.law.rebound is None:  # past the touch, or the same event ends the next part
+                now, state = now + 1e-12, state + 1e-12 * rate(now, state)
+                continue
+            state[stop.of] = stop.side * GAP * (1.0 - 1e-15)
+            state[n + stop.of] = -stop.side * stop.law.rebound(speed, draws)
+            # each impact on a stop whose restitution varies takes a number
+            draws += stop.law.law is WIDE_OF_LAWS or isinstance(stop.law.law, SpeedRestitution)
+        found.append(state[:n])
+    return np.array(found), hits
+
+
+def scene_of_of_laws(
+    folder: Path, a: np.ndarray, coordinates: int, pairs: list[ImpactPair]
+) -> Scene:
+    file = folder / "record.txt"
+    np.savetxt(file, a, fmt="%.17g")
+    return Scene(
+        structure=Matrices(
+            coordinates=["a", "b"][:coordinates],
+            mass=np.diag(MASSES[:coordinates]).tolist(),
+            damping=DAMPING[:coordinates, :coordinates].tolist(),
+            stiffness=STIFFNESS_OF_LAWS[:coordinates, :coordinates].tolist(),
+        ),
+        impact_pairs=pairs,
+        excitations=[RecordedNoise(file=str(file), unit="m/s2", fs=FS_OF_LAWS, on="base")],
+    )
+
+
+def agree(folder: Path, coordinates: int, stops: list[Stop], pairs: list[ImpactPair]) -> None:
+    a = accelerations(seed=3)
+    found = replay(scene_of_of_laws(folder, a, coordinates, pairs), seed=SEED)
+    truth, hits = integrated_of_laws(a[:JUDGED], MASSES[:coordinates], stops)
+    assert {which for which, _ in hits} == set(range(len(stops))) and len(hits) > 5
+    assert found.histories is not None
+    for number, name in enumerate(found.coordinates):
+        apart = np.abs(found.histories.displacement[name][:JUDGED] - truth[:, number]).max()
+        assert apart < 1e-5 * np.abs(truth[:, number]).max()
+    early = found.impacts[found.impacts["time"] < (JUDGED - 1) / FS_OF_LAWS]
+    assert early["speed"].to_numpy() == pytest.approx([w for _, w in hits], rel=1e-3)
+
+
+NUMBERS = range(len(plain_laws(1.0)))
+PAIRS = list(combinations(NUMBERS, 2))
+
+
+def named(numbers: tuple[int, int]) -> str:
+    laws = plain_laws(1.0)
+    return " and ".join(f"{laws[k].law.kind}{k}" for k in numbers)
+
+
+@quick_cases("numbers", PAIRS, keep=range(0, len(PAIRS), 6), ids=named)
+def test_a_mass_between_two_laws_moves_as_their_formulas_say(
+    tmp_path: Path, numbers: tuple[int, int]
+) -> None:
+    lower, upper = (plain_laws(MASSES[0])[k] for k in numbers)
+    pair = ImpactPair(on="a", lower=-GAP, upper=GAP, lower_law=lower.law, upper_law=upper.law)
+    agree(tmp_path, 1, [Stop(0, -1.0, lower), Stop(0, 1.0, upper)], [pair])
+
+
+@quick_cases("numbers", PAIRS, keep=range(3, len(PAIRS), 12), ids=named)
+def test_two_masses_with_a_law_each_move_as_their_formulas_say(
+    tmp_path: Path, numbers: tuple[int, int]
+) -> None:
+    own = [plain_laws(mass)[k] for mass, k in zip(MASSES, numbers, strict=True)]
+    pairs = [
+        ImpactPair(name=name, on=name, lower=-GAP, upper=GAP, law=each.law)
+        for name, each in zip("ab", own, strict=True)
+    ]
+    stops = [Stop(k, side, own[k]) for k in (0, 1) for side in (-1.0, 1.0)]
+    agree(tmp_path, 2, stops, pairs)
+
+
+def test_two_masses_that_are_pressed_onto_their_stops_rest_there(tmp_path: Path) -> None:
+    """The base pulls one way, then the other: each mass chatters on each of its stops, ever slower
+    by its restitution, and rests until the base turns. Neither wakes the other."""
+    a = np.repeat([-60.0, 60.0], 256)
+    laws = {"a": 0.6, "b": 0.7}
+    pairs = [
+        ImpactPair(name=name, on=name, lower=-GAP, upper=GAP, law=Restitution(coefficient=r))
+        for name, r in laws.items()
+    ]
+    found = replay(scene_of_of_laws(tmp_path, a, 2, pairs))
+    assert found.histories is not None
+    for name, r in laws.items():
+        x = found.histories.displacement[name]
+        assert np.abs(x[200:256] - GAP).max() < 1e-12 and np.abs(x[456:] + GAP).max() < 1e-12
+        assert float(found.impact_pairs[name].rests) == 2.0
+        for _, own in found.impacts[found.impacts["pair"] == name].groupby("side"):
+            speeds = own["speed"].to_numpy()
+            slow = speeds[speeds < 1e-3]
+            assert len(slow) > 10 and slow[-1] > 1e-9
+            assert slow[1:] / slow[:-1] == pytest.approx(r, rel=1e-3)

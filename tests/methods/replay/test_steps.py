@@ -28,7 +28,7 @@ from stochvi import (
     simulate,
 )
 from stochvi.methods.replay.march import Motion, integrate, rest_of
-from stochvi.methods.replay.method import records_of, shaking_of
+from stochvi.methods.replay.recorded_motion import records_of, shaking_of
 from stochvi.methods.replay.steps import SteppedReplay
 from stochvi.model.model import model_of
 from stochvi.scenes import BoucWen, Coulomb, Duffing, Hertz

@@ -18,29 +18,327 @@ Sr = (x1 w - v1 u) / E2, Cr = (v1 w + w0^2 x1 u) / E2. A reset of the velocity a
 the end by -(1 + R) w (Sr, Cr).
 """
 
+from __future__ import annotations
+
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stochvi.engine.bounces import MOST_BOUNCES, RESTING
-from stochvi.engine.compiling import kernel
-from stochvi.engine.impact_log import log_impact, page_after, page_of
-from stochvi.methods.monte_carlo.kernels.lanes import LANES, aligned_rows, row_of, words_of
-from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pair, normal_pairs
-from stochvi.methods.monte_carlo.kernels.rigid_stops import is_scattered, restitution_of
-from stochvi.methods.monte_carlo.kernels.rows import (
-    F1_LOWER,
-    F1_UPPER,
-    F2_LOWER,
-    F2_UPPER,
-    N_LOWER,
-    N_UPPER,
-    SUMS,
-    VV,
-    XX,
-    X,
+from stochvi.engine.arithmetic import (
+    EXTREMES,
+    FASTEST,
+    FORCE_SQUARE,
+    LOSS,
+    MOST_BOUNCES,
+    POSITION_FORCE,
+    RESTING,
+    ROWS_OF_STOP,
+    SHARPEST,
+    log_impact,
+    page_after,
+    page_of,
+    uniform_of,
 )
-from stochvi.methods.monte_carlo.kernels.steps import Flow
+from stochvi.engine.compiling import kernel
+from stochvi.engine.laws import ScatteredRestitution
+from stochvi.engine.parts import generic, rebound
+from stochvi.methods.monte_carlo.kernels.random_numbers import (
+    LANES,
+    aligned_rows,
+    normal_pair,
+    normal_pairs,
+    row_of,
+    words_of,
+)
+
+# ------------------------------------------------------------------------------
+# Rows of the tables of sums that the kernels fill, for one oscillator and for pairs of stops.
+#
+# Kernels use the numbers of the rows; `Sums` and `Extremes` read the tables by name. All quantities
+# are per unit mass.
+# ------------------------------------------------------------------------------
+
+
+Vector = NDArray[np.float64]
+
+X, XX, VV, N_LOWER, F1_LOWER, F2_LOWER, N_UPPER, F1_UPPER, F2_UPPER = range(9)
+SUMS = 9
+"""Rows of one oscillator with rigid stops: x, x^2, v^2, and for each stop its impacts (N), their
+speeds (F1, m/s) and the squares of their speeds (F2, m^2/s^2)."""
+
+CONTACT_LOWER = SUMS
+CONTACT_UPPER = SUMS + ROWS_OF_STOP
+CONTACT_SUMS = SUMS + 2 * ROWS_OF_STOP
+"""Rows of one oscillator with compliant stops: those of rigid stops, then those of the contacts
+with the lower stop, and with the upper stop."""
+
+NO_EXTREMES = np.empty((0, EXTREMES))
+"""The extremes of a kernel whose extremes nobody asks for."""
+
+
+class Sums(NamedTuple):
+    """A table (rows, paths) of sums or averages of one oscillator, read by name."""
+
+    table: NDArray[np.float64]
+
+    @classmethod
+    def zeros(cls, paths: int, contacts: bool) -> Sums:
+        """Sums of that number of paths before the first step."""
+        return cls(np.zeros((CONTACT_SUMS if contacts else SUMS, paths)))
+
+    @property
+    def displacement_square(self) -> Vector:
+        """x^2, m^2."""
+        return self.table[XX]
+
+    @property
+    def velocity_square(self) -> Vector:
+        """v^2, m^2/s^2."""
+        return self.table[VV]
+
+    @property
+    def impacts(self) -> Vector:
+        """Number of impacts on both stops that are at least as fast as the threshold."""
+        return self.table[N_LOWER] + self.table[N_UPPER]
+
+    @property
+    def impact_speeds(self) -> Vector:
+        """Sum of the speeds of all impacts on both stops, m/s."""
+        return self.table[F1_LOWER] + self.table[F1_UPPER]
+
+    @property
+    def contact_loss(self) -> Vector:
+        """Energy dissipated by contacts with both stops, J/kg."""
+        return self.table[CONTACT_LOWER + LOSS] + self.table[CONTACT_UPPER + LOSS]
+
+
+class Extremes(NamedTuple):
+    """A table (paths, EXTREMES) of the extremes of paths, read by name."""
+
+    table: NDArray[np.float64]
+
+    @classmethod
+    def zeros(cls, paths: int) -> Extremes:
+        """Extremes of that number of paths before the first step."""
+        return cls(np.zeros((paths, EXTREMES)))
+
+    @property
+    def impact_speed(self) -> Vector:
+        """Largest impact speed, m/s."""
+        return self.table[:, FASTEST]
+
+    @property
+    def acceleration(self) -> Vector:
+        """Largest absolute acceleration, m/s^2."""
+        return self.table[:, SHARPEST]
+
+    @property
+    def force_square(self) -> Vector:
+        """Integral of the square of the force of the stops per unit mass, m^2/s^3."""
+        return self.table[:, FORCE_SQUARE]
+
+    @property
+    def position_force(self) -> Vector:
+        """Integral of displacement times force of the stops per unit mass, m^2/s."""
+        return self.table[:, POSITION_FORCE]
+
+
+# ------------------------------------------------------------------------------
+# Rigid stops of one oscillator whose restitution scatters, beside `steps.RigidStop`.
+#
+# Kernels choose what a stop does by its class while they are compiled, so that a constant
+# restitution
+# costs what it did.
+# ------------------------------------------------------------------------------
+
+
+class ScatteredStop(NamedTuple):
+    """A rigid stop whose restitution is drawn at each impact.
+
+    As `steps.RigidStop`; `restitution` is the mean, and `slow` infinite: every step with an impact
+    is followed impact by impact. `law` is that of the engine.
+    """
+
+    position: float
+    restitution: float
+    slow: float
+    law: ScatteredRestitution
+
+
+@generic
+def restitution_of(stop, word, number):
+    """Restitution of the impact `number` of those that belong to a word (`uniform_numbers`)."""
+
+
+@generic
+def is_scattered(stop):
+    """Whether the restitution of a stop is drawn."""
+
+
+@restitution_of.of(object)
+def _(stop, word, number):
+    return stop.restitution
+
+
+@restitution_of.of(ScatteredStop)
+def _(stop, word, number):
+    return rebound(stop.law, 1.0, uniform_of(word, number))
+
+
+@is_scattered.of(object)
+def _(stop):
+    return False
+
+
+@is_scattered.of(type(None))
+def _(stop):
+    return False
+
+
+@is_scattered.of(ScatteredStop)
+def _(stop):
+    return True
+
+
+# ------------------------------------------------------------------------------
+# Arguments of the kernels of one oscillator, as named tuples; all quantities per unit mass.
+#
+# Numba compiles a named tuple as it does a plain one. Parts that may be absent are arguments of
+# their
+# own: numba leaves out the code of an argument that is `None`, but not that of an empty field.
+# ------------------------------------------------------------------------------
+
+
+class Kick(NamedTuple):
+    """Damping and white noise over a step: v <- decay v + spread z, z a standard normal.
+
+    With b the damping rate and S0 the intensity, `decay` is e^(-b h) and `spread`, in m/s, the root
+    of S0 (1 - e^(-2 b h)) / (2 b). A step that has the noise of two steps of half its length makes
+    z of the pair of normals that these would take; `earlier` is then the weight of the first one,
+    else 0.
+    """
+
+    decay: float
+    spread: float
+    earlier: float = 0.0
+
+
+class Flow(NamedTuple):
+    """Undamped motion over a step of h s: x <- C x + S v, v <- C v - w0^2 S x.
+
+    `cosine` is C = cos w0 h, `sine` is S = sin(w0 h) / w0 in s, `stiff` is w0^2 in 1/s^2.
+    """
+
+    step: float
+    cosine: float
+    sine: float
+    stiff: float
+
+
+class RigidStop(NamedTuple):
+    """A rigid stop for kernels that know no other: position from the rest position in m, and R.
+
+    `slow` is the speed after an impact, in m/s, below which the mass may hit the same stop again
+    within a step; it is negative where that cannot happen.
+    """
+
+    position: float
+    restitution: float
+    slow: float
+
+
+class Paths(NamedTuple):
+    """State of the paths that a kernel advances, and the sums that it adds to.
+
+    Parameters
+    ----------
+    x, v : (paths,), m from the rest position and m/s at the start, replaced by those at the end.
+    streams : (2, paths), random streams, advanced.
+    sums : (rows, paths), added to; the rows are those of `rows`.
+    noise : (2, paths), added to: the sums of x z and of v z over the counted steps, with x and v
+        before the kick and z its normal.
+    kept : (paths, 2), what a kernel knows of a path beside that, replaced: zeros at the start
+        unless the kernel states something else.
+    """
+
+    x: NDArray
+    v: NDArray
+    streams: NDArray
+    sums: NDArray
+    noise: NDArray
+    kept: NDArray
+
+
+class Corner(NamedTuple):
+    """How steps are refined in the corner of the phase plane where a mass is slow and near a stop.
+
+    Parameters
+    ----------
+    width, speed : distance from a stop (m) and speed (m/s) below which steps are refined.
+    damping_rate, intensity : b (1/s), and S0 of the noise (m^2/s^3).
+    stiff : w0^2, 1/s^2.
+    ladder : (levels, 3), length h / 2^k of a sub-step with its (C, S) in row k.
+    share : largest length of a sub-step, in units of the time in which noise changes the state.
+    """
+
+    width: float
+    speed: float
+    damping_rate: float
+    intensity: float
+    stiff: float
+    ladder: NDArray
+    share: float
+
+
+class Counting(NamedTuple):
+    """Which steps a path takes, and which of its states and impacts are added up.
+
+    Parameters
+    ----------
+    first, last : number of the first step, and of the one after the last. Steps with negative
+        numbers are a burn-in, which is not counted. A path may be advanced by several calls, as
+        sums and states go on; each but the last must take an even number of steps, since two
+        successive steps use a pair of normals.
+    stride : number of steps from one sample of the moments to the next; samples precede the kick.
+    origin : m, from where the moments of x are taken; it should be near the mean of x.
+    threshold : m/s, speed of the slowest impact that is counted.
+    """
+
+    first: int
+    last: int
+    stride: int
+    origin: float
+    threshold: float
+
+
+class Sampling(NamedTuple):
+    """How a response is sampled, and the oscillator that adds impacts to it.
+
+    Parameters
+    ----------
+    span : s, the sampling interval.
+    omega, damping_rate : w0 (rad/s) and b (1/s).
+    threshold : m/s, speed of the slowest impact that is counted.
+    scale : m/s, the rms speed; slower rebounds than `limits.RESTING` times it rest on the stop.
+    first, last : number of the first sample, and of the one after the last. Samples with negative
+        numbers stand at the end of the period, and are not counted.
+    """
+
+    span: float
+    omega: float
+    damping_rate: float
+    threshold: float
+    scale: float
+    first: int
+    last: int
+
+
+# ------------------------------------------------------------------------------
+# White noise and rigid stops by kick-flow-kick, for many paths at once.
+# ------------------------------------------------------------------------------
+
 
 CORNER_SHARE = 0.25
 """Usual length of a sub-step near a stop, as a share of the time in which noise changes the state.

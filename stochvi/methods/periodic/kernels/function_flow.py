@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stochvi.engine.borrowed import borrowed, hold
-from stochvi.engine.characteristic_calls import PULL, SLOPE, Characteristics, ask, call_of_part
+from stochvi.engine.calls import PULL, SLOPE, Characteristics, ask, call_of_part
 from stochvi.engine.compiling import kernel
 from stochvi.methods.periodic.kernels.contact_flow import AWAY, FOLLOWING
 from stochvi.methods.periodic.kernels.solver import (

@@ -1,1 +1,0 @@
-"""Springs and dampers as kernels know them: one class in each file."""

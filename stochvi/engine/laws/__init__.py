@@ -1,1 +1,0 @@
-"""Laws of stops: each a class of numbers with its functions, in a file of its own."""

@@ -1,0 +1,813 @@
+"""The risk of a mission under noise of varying level, from the risks at steady levels.
+
+Conditioned on its level the noise is Gaussian. At some levels the risk is that of Gaussian noise,
+in the correlation time of the level, or in the mission where that is shorter. Its hazard
+-ln(1 - P) over that of Rice's crossings changes slowly with the level: its logarithm is
+interpolated. `RandomLevel.probability` follows the hazard along the level as it varies.
+
+The motion is taken to follow the level at once. What it feels is less, as it averages the level
+over its memory (`RandomLevel.felt`): what this changes is stated as a bias.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from stochvi.mathematics.numerics import Vector
+from stochvi.mathematics.unsteady_noise import RandomLevel
+from stochvi.model.coverage import free_motion
+from stochvi.model.model import Model, model_of
+from stochvi.results.base import Result, plain
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.sampling.run import Run
+from stochvi.scenes.phases import Phase, bias_of_steps, steps_of_bands
+from stochvi.scenes.scene import Scene
+from stochvi.statistics.clusters import INDEPENDENT, asked_in_parts, complete
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+# ------------------------------------------------------------------------------
+# The answer on a mission: probabilities with their intervals, how they were found, and the CPU
+# time.
+# ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chance:
+    """The probability of one event in a mission.
+
+    Parameters
+    ----------
+    event
+        "hit", "passage", "impact_speed" or "peak_acceleration".
+    limit
+        Value above which an impact speed (m/s) or an acceleration (m/s^2) is the event; None for
+        the other events.
+    estimate
+        P of the event in one mission.
+    lower, upper, rule
+        Confidence interval at `confidence`, statistical errors alone, and how it was made.
+    wilson
+        Wilson's interval, where missions were counted; else None.
+    way, why
+        The way in which it was found, and the reason for that way.
+    trials
+        Number of missions, or of repetitions of a splitting in `levels` levels.
+    seconds
+        CPU seconds of the answer, its pilot and its coarser steps included.
+    seconds_per_mission
+        CPU seconds of one crude mission, measured; None where none was simulated.
+    crude_seconds
+        CPU seconds that crude simulation would take for the same standard error.
+
+    See Also
+    --------
+    stochvi.reliability : The answer that holds it.
+    """
+
+    event: str
+    limit: float | None
+    estimate: Estimate
+    lower: float
+    upper: float
+    confidence: float
+    rule: str
+    way: str
+    why: str
+    wilson: tuple[float, float] | None = None
+    trials: int = 0
+    levels: int = 0
+    steps: int = 0
+    seconds: float = 0.0
+    seconds_per_mission: float | None = None
+
+    @property
+    def crude_seconds(self) -> float | None:
+        """CPU seconds per mission times (1 - P) / (P e^2), e the relative standard error."""
+        p, error = self.estimate.value, self.estimate.standard_error
+        if self.seconds_per_mission is None or not (p > 0.0 and error > 0.0):
+            return None
+        return self.seconds_per_mission * p * (1.0 - p) / error**2
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document: only plain types."""
+        known = {each.name: plain(getattr(self, each.name)) for each in fields(self)}
+        return known | {"crude_seconds": self.crude_seconds}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairRisk:
+    """The risk of one of several pairs in a mission.
+
+    Parameters
+    ----------
+    probability
+        Probability that the pair is hit, as if it alone had stops.
+    share_of_first_hits
+        Share of the first impacts of a mission that falls to the pair. Where two pairs reach their
+        stops at the same time, the hit counts for the earlier one in the scene.
+    expected_hits, impact_speed_mean
+        Impacts on the pair in a mission, with all stops at their places, and their mean speed, m/s;
+        None where they are not known.
+    """
+
+    probability: Estimate
+    share_of_first_hits: float
+    expected_hits: Estimate | None = None
+    impact_speed_mean: Estimate | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Reliability(Result):
+    """The risk of a mission: `chances` by event, and `hits`, the expected number of impacts.
+
+    `hits` is None without stops; `hits_interval` is its confidence interval. `missing` says why
+    something was not found, or not as accurately as asked for: then the answer comes with a
+    `NotConverged`. `pairs` holds, by name, what each of several pairs risks, and `outputs` the
+    probability that each coordinate or point alone exceeds the limit of the acceleration. `phases`
+    holds, by name, the answer for each phase of the mission, where the scene has phases.
+
+    See Also
+    --------
+    stochvi.reliability : The calculation.
+    """
+
+    mission: float
+    start: str
+    chances: Mapping[str, Chance]
+    hits: Estimate | None
+    hits_interval: tuple[float, float] | None
+    confidence: float
+    assumptions: Sequence[str]
+    missing: Mapping[str, str] = field(default_factory=dict)
+    pairs: Mapping[str, PairRisk] = field(default_factory=dict)
+    outputs: Mapping[str, Estimate] = field(default_factory=dict)
+    phases: Mapping[str, Reliability] = field(default_factory=dict)
+    method: str = "reliability"
+
+    @property
+    def no_hit(self) -> Estimate | None:
+        """P(no impact in a mission); None where no impact was asked after."""
+        chance = self.chances.get("hit") or self.chances.get("passage")
+        if chance is None:
+            return None
+        found = chance.estimate
+        return Estimate(
+            value=1.0 - found.value,
+            standard_error=found.standard_error,
+            bias=found.bias,
+            how=found.how,
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row per probability."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            [
+                {
+                    "event": chance.event,
+                    "limit": chance.limit,
+                    "probability": chance.estimate.value,
+                    "standard_error": chance.estimate.standard_error,
+                    "bias": chance.estimate.bias,
+                    "lower": chance.lower,
+                    "upper": chance.upper,
+                    "way": chance.way,
+                    "trials": chance.trials,
+                    "seconds": chance.seconds,
+                    "crude_seconds": chance.crude_seconds,
+                }
+                for chance in self.chances.values()
+            ]
+        )
+
+    def _document(self) -> dict[str, Any]:
+        found = super()._document()
+        for name in ("pairs", "outputs", "phases"):
+            if not found[name]:
+                del found[name]
+        expected = {
+            "expected_hits": found.pop("hits"),
+            "expected_hits_interval": found.pop("hits_interval"),
+        }
+        return {"no_hit": self.no_hit, **expected, **found}
+
+    def __repr__(self) -> str:
+        percent = f"{100.0 * self.confidence:g} %"
+        found = {*self.chances} | (set() if self.hits is None else {"expected_hits"})
+        lines = [
+            f"  P({name}) at most {chance.upper:.4g} in {self.mission:g} s ({percent}) "
+            f"[{chance.way}]"
+            if chance.estimate.value == 0.0
+            else f"  P({name}) = {chance.estimate.value:.4g} in {self.mission:g} s, "
+            f"{percent}: {chance.lower:.4g} to {chance.upper:.4g} [{chance.way}]"
+            for name, chance in self.chances.items()
+        ]
+        if self.hits is not None:
+            lines.append(f"  expected impacts = {self.hits!r}")
+        lines += [
+            f"  {name} alone: {risk.probability.value:.4g}, "
+            f"{100.0 * risk.share_of_first_hits:.3g} % of first impacts"
+            for name, risk in self.pairs.items()
+        ]
+        lines += [
+            f"  {name}: {'not accurate' if name in found else 'not found'}: {why}"
+            for name, why in self.missing.items()
+        ]
+        return "\n".join([f"<{self.method}", *lines]) + ">"
+
+
+# ------------------------------------------------------------------------------
+# The risk of a mission of several phases, from the risks of its phases.
+#
+# Each phase starts in its own stationary motion, and the phases are independent, so that
+#
+#     P = 1 - (1 - P_1) (1 - P_2) ...
+#
+# The interval is made of the hazards -ln(1 - P_k), whose sum it is: their half widths are added as
+# roots of sums of squares, each side for itself (G. Y. Zou and A. Donner, Construction of
+# confidence
+# limits about effect measures: a general approach, Statistics in Medicine 27, 2008, 1693).
+# ------------------------------------------------------------------------------
+
+
+CERTAIN = 1.0 - 1e-15
+"""A larger probability counts as this one, so that its hazard is finite."""
+
+NEGLIGIBLE = 1e-8
+"""Share of the expected crossings of the busiest phase below which a phase is not simulated."""
+
+LEAST = 1e-15
+"""Smallest bound of a probability that is stated: smaller ones tell nobody more."""
+
+LAG = 0.125
+"""Largest share by which a sine that moves through a resonance moves a mass less than one that
+stands still. It is that over w' / (zeta w)^2, with the change of its frequency w'. It was measured
+up to a ratio of 1, at damping ratios of 0.02 to 0.1."""
+
+
+def of_phases(
+    scene: Scene, ask: Callable[[Scene, float, Run], Reliability], run: Run
+) -> Reliability:
+    """The risk of all phases of a scene.
+
+    A phase in which an impact is far less probable than in another one, by Rice's formula, is not
+    simulated.
+
+    Parameters
+    ----------
+    ask
+        Finds the risk of the scene of a phase, in its duration, by a part of the run.
+
+    Raises
+    ------
+    NotConverged, Interrupted
+        If a phase was not found as accurately as asked for; with the answer so far, where every
+        phase that matters has one.
+    """
+    scenes = {phase.name: phase.of(scene) for phase in scene.phases}
+    durations = {phase.name: phase.duration for phase in scene.phases}
+    idle = _idle(scenes, durations)
+    busy = {name: duration for name, duration in durations.items() if name not in idle}
+    found, missing = asked_in_parts(
+        run, busy, lambda name, part: ask(scenes[name], durations[name], part)
+    )
+    like = next(iter(found.values()))
+    found |= {name: _never_hit(like, durations[name], most) for name, most in idle.items()}
+    answer = _together(scene, {name: found[name] for name in scenes}, missing, idle, run)
+    return complete(answer, missing, run, of="risk of every phase", where="in phase")
+
+
+def _idle(scenes: Mapping[str, Scene], durations: Mapping[str, float]) -> dict[str, float]:
+    """The phases whose impacts do not matter, each with the largest probability of an impact."""
+    most = {name: _most_hits(scenes[name], durations[name]) for name in scenes}
+    known = {name: bound for name, bound in most.items() if bound is not None}
+    largest = min(max(known.values(), default=0.0), 1.0)
+    return {name: bound for name, bound in known.items() if bound < NEGLIGIBLE * largest}
+
+
+def _most_hits(scene: Scene, duration: float) -> float | None:
+    """A bound of the probability of a first impact of linear motion; None where it is unknown.
+
+    It is Rice's number of crossings of all stops in the duration, and the probability to start
+    beyond one."""
+    model = model_of(scene)
+    try:
+        crossings, outside = crossings_of(model)(1.0)
+    except NotApplicable:
+        return None
+    return max(crossings * duration + outside, LEAST) if model.pairs else None
+
+
+def lag_of(model: Model, sweep_rate: float) -> float:
+    """How much less a frequency that moves by so many Hz/s moves a structure than one that stands
+    still, at most, as a share (`LAG`)."""
+    slowest = 0.5 * float(np.min(np.diag(model.modal.damping)))
+    return LAG * 2.0 * math.pi * sweep_rate / slowest**2 if slowest > 0.0 else math.inf
+
+
+def lags_of_hazards(scenes: Mapping[str, Scene], rates: Mapping[str, float]) -> dict[str, float]:
+    """By how much, as a share, the hazard of each phase through which something moves may be too
+    large: Rice's crossings of motion that is larger by `lag_of`."""
+    found = {}
+    for name, rate in rates.items():
+        model = model_of(scenes[name])
+        louder = scenes[name].at_level(20.0 * math.log10(1.0 + lag_of(model, rate)))
+        try:
+            known, more = (crossings_of(each)(1.0)[0] for each in (model, model_of(louder)))
+        except NotApplicable:
+            continue
+        found[name] = more / known - 1.0 if known > 0.0 else 0.0
+    return found
+
+
+def spoken_lags(scenes: Mapping[str, Scene], phases: Sequence[Phase]) -> list[str]:
+    """A sentence on each phase through which something moves."""
+    most: dict[str, float] = {}
+    for phase in phases:
+        if phase.step_of is not None and phase.sweep_rate:
+            lag = lag_of(model_of(scenes[phase.name]), phase.sweep_rate)
+            most[phase.step_of] = max(most.get(phase.step_of, 0.0), lag)
+    return [
+        f"what moves through phase {name} stands still in each step; in truth it moves the mass by "
+        f"at most {100.0 * lag:.2g} % less, which the bias states"
+        for name, lag in most.items()
+    ]
+
+
+def crossings_of(model: Model) -> Callable[[float], tuple[float, float]]:
+    """Rice's rate of crossings of all stops, 1/s, and the probability to be beyond one, as a
+    function of a gain of the noise; sines stay.
+
+    Raises `NotApplicable` where the motion without stops is not stationary and Gaussian.
+    """
+    motion = free_motion(model, with_sines=True)
+    rows = np.array([pair.direction for pair in model.pairs]).reshape(len(model.pairs), -1)
+    means = rows @ motion.modes.shapes @ (motion.modes.rest + motion.law.mean)
+    gaps = motion.moving_means(rows)
+
+    def of_gain(gain: float) -> tuple[float, float]:
+        rate = outside = 0.0
+        for pair, mean, gap in zip(model.pairs, means, gaps, strict=True):
+            louder = replace(gap, place=gain * gap.place, speed=gain * gap.speed)
+            for stop, side in ((pair.lower, -1.0), (pair.upper, 1.0)):
+                if stop is None or not gap.place > 0.0:
+                    continue
+                away = side * (stop.position - mean)
+                rate += louder.rate(max(away, 0.0))
+                outside += louder.beyond(away)
+        return rate, outside
+
+    return of_gain
+
+
+def _never_hit(like: Reliability, duration: float, most: float) -> Reliability:
+    """The answer for a phase whose impacts do not matter, with the events of another phase: none of
+    them is more probable than an impact."""
+    limit = Estimate(value=0.0, upper_95=most, how="at most Rice's number of crossings")
+    chances = {
+        event: replace(
+            chance, estimate=limit, lower=0.0, upper=most, rule=limit.how, way="Rice", wilson=None,
+            why="crossings are too rare", trials=0, levels=0, steps=0, seconds=0.0,
+            seconds_per_mission=None,
+        )
+        for event, chance in like.chances.items()
+    }  # fmt: skip
+    return replace(
+        like, mission=duration, chances=chances, hits=None, hits_interval=None, missing={},
+        warnings=(), pairs={}, outputs={}, cost=Cost(wall_time=0.0),
+    )  # fmt: skip
+
+
+def _together(
+    scene: Scene, found: Mapping[str, Reliability], missing: dict[str, str],
+    idle: Mapping[str, float], run: Run,
+) -> Reliability:  # fmt: skip
+    phases = list(found.values())
+    busy = [each for name, each in found.items() if name not in idle]
+    events = [event for event in busy[0].chances if all(event in each.chances for each in phases)]
+    hits = [each.hits for each in busy if each.hits is not None]
+    steps = steps_of_bands(scene.phases)
+    total = _sum(hits) if len(hits) == len(busy) else None
+    scenes = {phase.name: phase.of(scene) for phase in scene.phases}
+    moving = {each.name: each.sweep_rate for each in scene.phases if each.sweep_rate}
+    lags = lags_of_hazards(scenes, {name: moving[name] for name in moving if name not in idle})
+    stepped = bias_of_steps(
+        steps, {name: float(each.hits or 0.0) for name, each in found.items()}, lags
+    )
+    # impacts of phases in which none was seen, of which a limit alone is known
+    unseen = {
+        name: each.hits.upper_95
+        for name, each in found.items()
+        if name not in idle and each.hits is not None and each.hits.upper_95 is not None
+    }
+    if total is not None and total.value > 0.0 and sum(unseen.values()) > total.value:
+        missing |= (
+            dict.fromkeys(
+                (f"{name}, expected_hits" for name in unseen), "no impact was seen; raise budget"
+            )
+            | missing
+        )
+        total = None
+    if total is not None and total.bias is not None:
+        total = replace(total, bias=total.bias + stepped)
+    intervals = [each.hits_interval for each in busy if each.hits_interval is not None]
+    return Reliability(
+        mission=sum(each.mission for each in phases),
+        start=busy[0].start,
+        chances={
+            event: joint_chance(
+                {name: each.chances[event] for name, each in found.items()}, steps, lags
+            )
+            for event in events
+        },
+        hits=total,
+        hits_interval=_ends_of_sum(hits, intervals, stepped) if total is not None else None,
+        confidence=busy[0].confidence,
+        assumptions=[
+            INDEPENDENT,
+            *spoken_lags(scenes, scene.phases),
+            *(
+                f"impacts of phase {name} are not counted: Rice's number of them is at most "
+                f"{most:.1g}"
+                for name, most in idle.items()
+            ),
+            *dict.fromkeys(sentence for each in phases for sentence in each.assumptions),
+        ],
+        warnings=[
+            f"in phase {name}: {warning}"
+            for name, each in found.items()
+            for warning in each.warnings
+        ],
+        missing=missing,
+        phases=found,
+        cost=run.cost(
+            steps=sum(each.cost.steps for each in phases),
+            paths=sum(each.cost.paths for each in phases),
+        ),
+        provenance=provenance(scene.document(), run.seed),
+    )
+
+
+def joint_chance(
+    chances: Mapping[str, Chance], steps: Sequence[Sequence[str]] = (),
+    lags: Mapping[str, float] | None = None,
+) -> Chance:  # fmt: skip
+    """The probability that an event comes in any of several independent phases. Some of them are
+    the `steps` of a moving band, with the `lags` of their hazards."""
+    each = list(chances.values())
+    hazards = _hazards([one.estimate.value for one in each])
+    lower, upper = (_hazards([getattr(one, end) for one in each]) for end in ("lower", "upper"))
+    hazard = float(hazards.sum())
+    low, high = np.linalg.norm(hazards - lower), np.linalg.norm(upper - hazards)
+    kept = np.exp(hazards - hazard)  # the probability that no other phase brings the event
+    value = -math.expm1(-hazard)
+    above = -math.expm1(-(hazard + float(high)))
+    biases = [one.estimate.bias for one in each]
+    known = [bias for bias in biases if bias is not None]
+    stepped = bias_of_steps(steps, dict(zip(chances, hazards.tolist(), strict=True)), lags)
+    stepped *= math.exp(-hazard)
+    worst, share = max(zip(chances, hazards, strict=True), key=lambda one: one[1])
+    return Chance(
+        event=each[0].event,
+        limit=each[0].limit,
+        estimate=Estimate(
+            value=value,
+            standard_error=float(
+                np.linalg.norm(kept * [one.estimate.standard_error or 0.0 for one in each])
+            ),
+            bias=float(kept @ np.abs(known)) + stepped if len(known) == len(biases) else None,
+            upper_95=above if value == 0.0 else None,
+            how="of independent phases",
+        ),
+        lower=-math.expm1(-max(hazard - float(low), 0.0)),
+        upper=above,
+        confidence=each[0].confidence,
+        rule="square roots of sums of squares of the half widths of the hazards of the phases",
+        way="phases",
+        why=f"phase {worst} has {100.0 * share / hazard:.3g} % of the risk"
+        if hazard > 0.0
+        else "the event was seen in no phase",
+        trials=sum(one.trials for one in each),
+        steps=sum(one.steps for one in each),
+        seconds=sum(one.seconds for one in each),
+    )
+
+
+def _hazards(probabilities: Sequence[float]) -> Vector:
+    return np.asarray(-np.log1p(-np.minimum(probabilities, CERTAIN)))
+
+
+def _sum(estimates: Sequence[Estimate]) -> Estimate:
+    """The sum of independent estimates."""
+    value = sum(each.value for each in estimates)
+    limits = [each.upper_95 for each in estimates if each.upper_95 is not None]
+    # what was not seen is at most its limit
+    bounds = [each.bias if each.upper_95 is None else each.upper_95 for each in estimates]
+    biases = [bias for bias in bounds if bias is not None]
+    return Estimate(
+        value=value,
+        standard_error=math.hypot(*(each.standard_error or 0.0 for each in estimates)),
+        bias=sum(map(abs, biases)) if value > 0.0 and len(biases) == len(estimates) else None,
+        upper_95=math.hypot(*limits) if value == 0.0 and limits else None,
+        how="of independent phases",
+    )
+
+
+def _ends_of_sum(
+    estimates: Sequence[Estimate], intervals: Sequence[tuple[float, float]], bias: float
+) -> tuple[float, float]:
+    """The interval of a sum: half widths added as roots of sums of squares, each side for itself,
+    with a bias of the sum."""
+    values = np.array([each.value for each in estimates])
+    low, high = np.array(intervals).T
+    total = float(values.sum())
+    return (
+        max(total - float(np.linalg.norm(values - low)) - bias, 0.0),
+        total + float(np.linalg.norm(high - values)) + bias,
+    )
+
+
+# ------------------------------------------------------------------------------
+# The risk of a mission under noise of varying level, from the risks at steady levels.
+# ------------------------------------------------------------------------------
+
+
+TRIED = 7
+"""Number of levels at which the risk is simulated."""
+
+LEFT_OUT = 1e-3
+"""Share of Rice's crossings below the lowest of these levels, and above the highest one."""
+
+LEAST_FELT = 0.8
+"""Least share of the excess kurtosis of the noise that the motion must feel."""
+
+FOLLOWED = (
+    "at each level the motion is that of Gaussian noise, and follows the level at once; what it "
+    "feels less is the bias"
+)
+
+
+@dataclass(frozen=True)
+class LevelHazard:
+    """The hazard of an event at any level, between levels at which it is known.
+
+    Parameters
+    ----------
+    level
+        How the level varies.
+    expected
+        (NODES,): rates of Rice's crossings at its `gains`, 1/s.
+    tried
+        Values of its normal process at which the event is known, increasing.
+    logarithms
+        Logarithms of the ratio of the hazard to `expected` there.
+    """
+
+    level: RandomLevel
+    expected: Callable[[Vector], Vector]
+    tried: Vector
+    logarithms: Vector
+
+    def rates(self, level: RandomLevel) -> Vector:
+        """Rates at the `gains` of a level, 1/s."""
+        normal = np.log(level.gains) / self.level.spread + self.level.spread
+        inside = np.clip(normal, self.tried[0], self.tried[-1])
+        ratio = PchipInterpolator(self.tried, self.logarithms)(inside)
+        return np.asarray(self.expected(level.gains) * np.exp(ratio))
+
+    def probability(self, mission: float, level: RandomLevel | None = None) -> float:
+        """The probability of the event in a mission, at a level that varies otherwise if given."""
+        level = level or self.level
+        return level.probability(self.rates(level), mission)
+
+    def number(self, mission: float, level: RandomLevel | None = None) -> float:
+        """Expected number of events in a mission."""
+        level = level or self.level
+        return mission * level.mean(self.rates(level))
+
+    def moved(self, place: int, logarithm: float) -> LevelHazard:
+        """The same with another logarithm at one of the levels."""
+        changed = self.logarithms.copy()
+        changed[place] = logarithm
+        return replace(self, logarithms=changed)
+
+
+def felt_by(model: Model) -> RandomLevel:
+    """The level that the slowest mode of a model feels.
+
+    Raises `NotApplicable` where it feels hardly anything of it.
+    """
+    level = model.level
+    assert level is not None
+    slowest = float(np.min(np.diag(model.modal.damping)))
+    if slowest > 0.0:
+        felt = level.felt(slowest)
+        if felt.kurtosis - 3.0 >= LEAST_FELT * (level.kurtosis - 3.0):
+            return felt
+    memory = 1.0 / slowest if slowest > 0.0 else math.inf
+    raise NotApplicable(
+        "Gaussian motion at each level",
+        [f"level_time must be long beside the memory of the motion, {memory:.3g} s, got "
+         f"{level.time:g} s; simulate follows it"],
+    )  # fmt: skip
+
+
+def of_random_level(
+    scene: Scene, mission: float, ask: Callable[[Scene, float, Run], Reliability], run: Run
+) -> Reliability:
+    """The probability of any impact, and expected impacts, under noise of varying level.
+
+    Parameters
+    ----------
+    ask
+        Finds the risk of a scene of steady level in a duration, by a part of the run.
+
+    Raises
+    ------
+    NotApplicable
+        If the level varies too fast for the motion to follow, or nothing can be hit.
+    NotConverged, Interrupted
+        If the risk at a level was not found as accurately as asked for.
+    """
+    model, level = model_of(scene), scene.random_level
+    assert level is not None
+    felt = felt_by(model)
+    expected = _rice(scene)
+    duration = min(mission, level.time)
+    tried, names = _levels_to_try(level, expected, mission)
+    found, missing = asked_in_parts(
+        run, dict.fromkeys(names, duration),
+        lambda name, part: ask(scene.at_steady_level(names[name]), duration, part),
+    )  # fmt: skip
+    rates = expected(level.gain(tried))
+    asked = _Asked(level, felt, mission, duration, expected, tried, rates)
+    answer = _levels_together(scene, asked, found, missing, run)
+    return complete(answer, missing, run, of="risk of every level", where="at a level of")
+
+
+def _rice(scene: Scene) -> Callable[[Vector], Vector]:
+    """Rice's rates of crossings of all stops, 1/s, at gains of the noise."""
+    steady = model_of(scene.at_steady_level(0.0))
+    crossings = crossings_of(steady)
+    return lambda gains: np.array([crossings(float(gain))[0] for gain in gains])
+
+
+def _levels_to_try(
+    level: RandomLevel, expected: Callable[[Vector], Vector], mission: float
+) -> tuple[Vector, dict[str, float]]:
+    """Values of the normal process between which nearly all first crossings come, and their levels
+    in dB, by the words that name them."""
+    hazard = np.minimum(expected(level.gains), 1.0 / min(level.time, mission))
+    shares = np.cumsum(level.weights * hazard)
+    if not shares[-1] > 0.0:
+        raise NotApplicable("reliability", ["stops must be near enough to be crossed at any level"])
+    low, high = np.interp([LEFT_OUT, 1.0 - LEFT_OUT], shares / shares[-1], level.normals)
+    tried = np.linspace(low, high, TRIED)
+    decibels = 20.0 * np.log10(level.gain(tried))
+    return tried, {f"{each:+.1f} dB": float(each) for each in decibels}
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """The question, and the levels at which it was asked."""
+
+    level: RandomLevel
+    felt: RandomLevel
+    mission: float
+    duration: float
+    expected: Callable[[Vector], Vector]
+    tried: Vector
+    rates: Vector
+
+    def hazard(self, rates: Vector) -> LevelHazard:
+        """The hazard with these rates at the levels that were tried."""
+        logarithms = np.log(np.maximum(rates, np.finfo(float).tiny) / self.rates)
+        return LevelHazard(self.level, self.expected, self.tried, logarithms)
+
+    def chance(self, chances: Sequence[Chance]) -> Chance:
+        """The probability of an event from those at the levels that were tried."""
+        ends = {
+            end: -np.log1p(-np.clip(values, 0.0, CERTAIN)) / self.duration
+            for end, values in {
+                "value": [each.estimate.value for each in chances],
+                "lower": [each.lower for each in chances],
+                "upper": [each.upper for each in chances],
+                # to the side on which the hazard stays finite
+                "error": [each.estimate.value - each.estimate.standard_error for each in chances],
+                "bias": [each.estimate.value + (each.estimate.bias or 0.0) for each in chances],
+            }.items()
+        }
+        # where hardly a motion survives, its hazard is as uncertain upwards as downwards
+        downwards = ends["value"] / np.maximum(ends["lower"], np.finfo(float).tiny)
+        ends["upper"] = np.minimum(ends["upper"], ends["value"] * downwards)
+        hazard = self.hazard(ends["value"])
+        value = hazard.probability(self.mission)
+
+        def changes(end: str) -> Vector:
+            logs = self.hazard(ends[end]).logarithms
+            return np.array(
+                [
+                    hazard.moved(place, logs[place]).probability(self.mission) - value
+                    for place in range(len(chances))
+                ]
+            )
+
+        known = all(each.estimate.bias is not None for each in chances)
+        at_once = abs(hazard.probability(self.mission, self.felt) - value)
+        low, high = (float(np.linalg.norm(changes(end))) for end in ("lower", "upper"))
+        return replace(
+            chances[0],
+            estimate=Estimate(
+                value=value,
+                standard_error=float(np.linalg.norm(changes("error"))),
+                bias=float(np.abs(changes("bias")).sum()) + at_once if known else None,
+                how="from the risks at steady levels",
+            ),
+            lower=max(value - low, 0.0), upper=min(value + high, 1.0), wilson=None,
+            rule="square root of the sum of squares of what the intervals at the levels change",
+            way="levels", why=self._where(hazard),
+            trials=sum(each.trials for each in chances), levels=0,
+            steps=sum(each.steps for each in chances),
+            seconds=sum(each.seconds for each in chances), seconds_per_mission=None,
+        )  # fmt: skip
+
+    def _where(self, hazard: LevelHazard) -> str:
+        """A sentence on the levels at which the event comes."""
+        level = self.level
+        held = np.minimum(hazard.rates(level), 1.0 / self.duration)
+        shares = np.cumsum(level.weights * held)
+        ends = np.interp([0.25, 0.75], shares / shares[-1], level.normals)
+        low, high = 20.0 * np.log10(level.gain(ends))
+        return f"half of the risk comes at levels from {low:+.1f} to {high:+.1f} dB"
+
+    def number(self, hits: Sequence[Estimate]) -> Estimate:
+        """The expected number of events from those at the levels that were tried."""
+        values = np.array([each.value for each in hits])
+        hazard = self.hazard(values / self.duration)
+        value = hazard.number(self.mission)
+
+        def changes(errors: Sequence[float]) -> Vector:
+            logs = self.hazard((values + errors) / self.duration).logarithms
+            return np.array(
+                [
+                    hazard.moved(place, logs[place]).number(self.mission) - value
+                    for place in range(len(hits))
+                ]
+            )
+
+        known = all(each.bias is not None for each in hits)
+        at_once = abs(hazard.number(self.mission, self.felt) - value)
+        bias = float(np.abs(changes([each.bias or 0.0 for each in hits])).sum()) + at_once
+        return Estimate(
+            value=value,
+            standard_error=float(np.linalg.norm(changes([each.standard_error for each in hits]))),
+            bias=bias if known else None,
+            how="from the expected impacts at steady levels",
+        )
+
+
+def _levels_together(
+    scene: Scene, asked: _Asked, found: Mapping[str, Reliability], missing: dict[str, str], run: Run
+) -> Reliability:
+    levels = list(found.values())
+    hits = [each.hits for each in levels if each.hits is not None]
+    number = asked.number(hits) if len(hits) == len(levels) else None
+    return replace(
+        levels[0],
+        mission=asked.mission,
+        chances={
+            event: asked.chance([each.chances[event] for each in levels])
+            for event in levels[0].chances
+            if all(event in each.chances for each in levels)
+        },
+        hits=number,
+        hits_interval=None if number is None else number.interval(levels[0].confidence),
+        assumptions=[
+            *scene.assumptions(),
+            FOLLOWED,
+            *(each for each in levels[0].assumptions if each not in scene.assumptions()),
+        ],
+        warnings=[
+            warning
+            for warning in levels[0].warnings
+            if all(warning in each.warnings for each in levels)
+        ],
+        missing=missing,
+        pairs={},
+        cost=run.cost(
+            steps=sum(each.cost.steps for each in levels),
+            paths=sum(each.cost.paths for each in levels),
+        ),
+        provenance=provenance(scene.document(), run.seed),
+    )

@@ -1,0 +1,692 @@
+"""Probabilities that a mission goes wrong: any impact, too fast an impact, too high an
+acceleration, a passage.
+
+Three ways lead to a probability, and a pilot chooses between them. Crude simulation counts failed
+missions. Splitting (`monte_carlo.splitting`) copies the paths that come close, for probabilities
+too small to count. First crossings (`first_crossings`) need no mission at all where the motion
+before the first impact is stationary and Gaussian; `bursts` does the same for what follows a first
+impact, and `rare_hits` splits records of any Gaussian noise for fast and sharp impacts, however
+rare. What is chosen depends on the counts of the pilot alone, never on the clock nor on the seed of
+the answer. The answer is a second stage that shares no random number with the pilot; it is enlarged
+only where its error is clearly larger than the pilot let expect.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Unpack
+
+import numpy as np
+
+from stochvi.mathematics.unsteady_noise import MovingMean
+from stochvi.methods.monte_carlo.missions import (
+    MissionPlan,
+    Start,
+    acceleration_plan,
+    impact_plan,
+    passage_plan,
+    settling_time,
+)
+from stochvi.model.coverage import beyond_one_oscillator, free_motion, not_gaussian, without_noise
+from stochvi.model.model import Model, model_of
+from stochvi.results.base import is_speed
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
+from stochvi.results.estimates import TOO_FEW, Estimate, provenance
+from stochvi.sampling.calculations import AccuracyOptions, calculation
+from stochvi.sampling.run import Run, sampled
+from stochvi.scenes.scene import Scene
+from stochvi.statistics.crossings import ShocksMeet, same_gaps
+from stochvi.statistics.rare_hits import Limit, check_forces, outputs_of, without_stops
+from stochvi.statistics.reliability.choice import (
+    MISSED,
+    SMALL,
+    Ends,
+    Hits,
+    Jobs,
+    Way,
+    by_conditioning,
+    counted_hits,
+    exceedance,
+    first_hit,
+    first_hit_under_peaks,
+    first_hits_of_pairs,
+    harder_hits_of_pairs,
+    hits_of_pairs,
+)
+from stochvi.statistics.reliability.missions import Chance, Reliability, of_phases, of_random_level
+from stochvi.statistics.trial_splitting import has_fast_peaks
+
+FIRST_HITS = 0.4
+"""Share of the budget that the probability of any impact of several pairs may take."""
+
+AS_MUCH = 1e-3
+"""Probability that springs and dampers alone exceed an acceleration, from which on a warning states
+it."""
+
+AT_ONCE = 0.05
+"""Share of P(hit) that falls to the start itself, from which on a warning states it."""
+
+
+@calculation
+@sampled(rel_error=0.05)
+def reliability(
+    scene: Scene,
+    *,
+    mission: float | None = None,
+    barrier: float | Ends | None = None,
+    impact_speed: float | None = None,
+    peak_acceleration: float | None = None,
+    at: str | None = None,
+    pair: str | None = None,
+    start: Start = "stationary",
+    way: Way | None = None,
+    confidence: float = 0.95,
+    **options: Unpack[AccuracyOptions],
+) -> Reliability:
+    """Probability of any impact, of one too fast or too sharp, and expected impacts, in a mission.
+
+    Parameters
+    ----------
+    scene
+        One oscillator: under white noise with any rigid stops, or compliant stops; under any
+        Gaussian noise and sines beside it, with stops, from a stationary start. Or a linear
+        structure of several coordinates or pairs under the same, from that start. Shocks of one
+        shape at random times may come beside the noise, for the probability of any impact, and
+        the noise may have a kurtosis. It may have phases, which are then those of the mission.
+    mission
+        Duration, s; left out where the scene has phases.
+    barrier
+        For scenes without stops: B of abs(x) < B, or (lower, upper), one of which may be None, m
+        from the position of the unloaded spring.
+    impact_speed, peak_acceleration
+        Limits for the incident speed of any impact (m/s) and for the absolute acceleration in any
+        contact (m/s^2), of compliant stops.
+    at
+        The coordinate, or the named point, whose acceleration is limited; by default every
+        coordinate that is a length, not an angle. It counts while any stop is touched.
+    pair
+        Name of one of several pairs: the probability is then that of an impact on it, as if it
+        alone had stops. By default it is that of an impact on any pair.
+    start
+        "rest", where spring and load balance; or "stationary". For an impact or a passage the
+        stationary start is that without stops and barriers, and a start beyond one counts at once.
+        For all else it is that with the stops.
+    way
+        "crude", "splitting" or "first crossings" instead of what the pilot would choose.
+    confidence
+        Confidence level of intervals.
+    **options
+        `AccuracyOptions`: `rel_error` is that of each probability and of the expected impacts, by
+        default 0.05; `budget` is for all of them together, and the answer that an error carries
+        names what is missing.
+
+    Returns
+    -------
+    Reliability
+        Intervals cover statistical errors; the bias of the step, |difference to twice the step| /
+        (2^order - 1), is stated apart and holds that difference's own noise.
+
+    Raises
+    ------
+    NotApplicable, NotConverged, ValueError
+        With every condition that is not met; if the accuracy is not reached, or an event was never
+        seen (its probability is then 0 with an upper limit) or is out of reach; if an argument is
+        out of range.
+
+    See Also
+    --------
+    stochvi.first_passage : The probability of a first passage.
+    stochvi.size : The clearance that is needed.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> found = reliability(scene, mission=62.831853, barrier=5.7, start="rest", seed=1)
+    >>> chance = found.chances["passage"]
+    >>> chance.way, abs(chance.estimate.value - 7.29e-7) < 4.5 * chance.estimate.standard_error
+    ('splitting', True)
+    """
+    run = Run.of(options)
+    if scene.phases:
+        if mission is not None:
+            whole = sum(phase.duration for phase in scene.phases)
+            raise ValueError(
+                f"mission must be left out where the scene has phases, of {whole:g} s together, "
+                f"got {mission:g}"
+            )
+
+        def of_phase(phase: Scene, duration: float, part: Run) -> Reliability:
+            return reliability(
+                phase, mission=duration, barrier=barrier, impact_speed=impact_speed,
+                peak_acceleration=peak_acceleration, at=at, pair=pair, start=start, way=way,
+                confidence=confidence, **part.options(rel_error=run.rel_error),
+            )  # fmt: skip
+
+        return of_phases(scene, of_phase, run)
+    if mission is None:
+        raise ValueError(
+            "mission must be given where the scene has no phases, got none; an hour is 3600 in "
+            "Python, --mission 1h on the command line"
+        )
+    _check(mission, impact_speed, peak_acceleration, start, way, run.accuracy, confidence)
+    jobs = Jobs(run=run, confidence=confidence, deadline=run.deadline)
+    model = model_of(scene)
+    check_pair(model, pair)
+    others = {"barrier": barrier, "impact_speed": impact_speed,
+              "peak_acceleration": peak_acceleration}  # fmt: skip
+    if model.level is not None:
+        return _at_varying_level(
+            scene, mission, others, pair, run, confidence=confidence, start=start
+        )
+    if has_fast_peaks(model):
+        _check_any_impact("noise with fast peaks", scene, others, start)
+        _check_several(model, barrier, start, way)
+        return _under_peaks(scene, pair, mission, jobs)
+    if model.drawn:
+        _check_any_impact("shocks", scene, others, start)
+    if not model.single or model.drawn:
+        _check_several(model, barrier, start, way)
+        hardest = _limits_of_pairs(scene, impact_speed, peak_acceleration, at)
+        return _of_pairs(scene, pair, hardest, mission, jobs)
+    if at is not None:
+        raise ValueError(f"at is for several coordinates or pairs, got {at!r} for one oscillator")
+    ends = _barriers(model, barrier)
+    coloured = _is_coloured(scene, model, start, way)
+    outside = _outside(model, ends)
+    if outside and start == "rest":
+        raise ValueError(
+            f"start = 'rest' is out of reach: {outside}; move them, or take start = 'stationary'"
+        )
+    limits = {
+        name: limit
+        for name, limit in (
+            ("impact_speed", impact_speed), ("peak_acceleration", peak_acceleration),
+        )
+        if limit is not None
+    }  # fmt: skip
+    if coloured:
+        chances, hits, missing = by_conditioning(scene, ends, limits, mission, jobs)
+    else:
+        chances, hits, missing = _sampled(model, scene, ends, limits, mission, start, way, jobs)
+    missing |= _inaccurate(_estimates(chances, hits), jobs)
+    found = Reliability(
+        mission=mission,
+        start=start,
+        chances=chances,
+        hits=None if hits is None else hits.estimate,
+        hits_interval=None if hits is None else hits.interval,
+        confidence=confidence,
+        assumptions=_assumptions(scene, start),
+        warnings=[
+            *([f"{outside}: nearly every mission ends as it starts"] if outside else []),
+            *_beyond_at_the_start(scene, model, ends, start, coloured, chances),
+            *_by_the_spring(model, ends, peak_acceleration),
+        ],
+        missing=missing,
+        cost=run.cost(
+            steps=sum(chance.steps for chance in chances.values())
+            + (0 if hits is None else hits.steps),
+            paths=sum(chance.trials for chance in chances.values()),
+        ),
+        provenance=provenance(scene.document(), run.seed),
+    )
+    unfound = [name.replace("_", " ") for name in missing]
+    if jobs.deadline.interrupted:
+        verb = "was" if len(unfound) == 1 else "were"
+        where = f"before {', '.join(unfound)} {verb} found"
+        where = where if unfound else "before its errors were small enough"
+        raise jobs.deadline.fell_short(where, "", found)
+    if missing:
+        reasons = zip(unfound, missing.values(), strict=True)
+        raise NotConverged("; ".join(f"{name}: {why}" for name, why in reasons), found)
+    if jobs.cut_short:
+        where = f"before {' and '.join(jobs.cut_short)}"
+        raise jobs.deadline.fell_short(where, "raise budget or rel_error", found)
+    return found
+
+
+def _at_varying_level(
+    scene: Scene, mission: float, others: Mapping[str, object], pair: str | None, run: Run,
+    *, confidence: float, start: Start,
+) -> Reliability:  # fmt: skip
+    """The risk of any impact under noise whose level varies."""
+    _check_any_impact("noise of varying level", scene, others, start)
+
+    def at_level(steady: Scene, duration: float, part: Run) -> Reliability:
+        return reliability(
+            steady, mission=duration, pair=pair, confidence=confidence,
+            **part.options(rel_error=run.rel_error),
+        )  # fmt: skip
+
+    return of_random_level(scene, mission, at_level, run)
+
+
+def _check_any_impact(drive: str, scene: Scene, others: Mapping[str, object], start: Start) -> None:
+    """Raise an error for what is not known under a drive that is not Gaussian."""
+    if unmet := [
+        f"{name} must be left out under {drive}, where any impact alone is known, got {value}; "
+        "simulate follows the motion"
+        for name, value in others.items()
+        if value is not None
+    ]:
+        raise NotApplicable("reliability", unmet)
+    if start == "rest" or not scene.impact_pairs:
+        got = "start = 'rest'" if start == "rest" else "a scene without impact_pair"
+        raise NotApplicable(
+            "reliability", [f"{drive} needs stops and a stationary start, got {got}"]
+        )
+
+
+def check_pair(model: Model, pair: str | None) -> None:
+    """Raise ValueError if `pair` is given and is no pair of the scene."""
+    names = [each.name for each in model.pairs]
+    if pair is not None and pair not in names:
+        raise ValueError(f"pair must be one of {', '.join(names) or '(none)'}, got {pair!r}")
+
+
+def _check_several(model: Model, barrier: float | Ends | None, start: str, way: str | None) -> None:
+    """Raise an error for arguments that several coordinates or pairs do not allow."""
+    several = "where there are several coordinates or pairs"
+    unmet = []
+    if barrier is not None or not model.pairs:
+        unmet.append(f"the scene needs an impact_pair for every gap, instead of barrier, {several}")
+    if start == "rest":
+        unmet.append(f"start must be 'stationary' {several}, got 'rest'")
+    if way not in (None, "first crossings"):
+        unmet.append(f"way must be 'first crossings' or left out {several}, got {way!r}")
+    if unmet:
+        raise NotApplicable("reliability", unmet)
+
+
+def _limits_of_pairs(
+    scene: Scene, impact_speed: float | None, peak_acceleration: float | None, at: str | None
+) -> list[Limit]:
+    """The limits that are asked after, of several coordinates or pairs; raises for those that
+    nothing in the scene determines."""
+    found = [] if impact_speed is None else [Limit("impact_speed", impact_speed)]
+    if peak_acceleration is not None:
+        check_forces(model_of(scene))
+        found.append(Limit("peak_acceleration", peak_acceleration, outputs_of(scene, at)))
+    elif at is not None:
+        raise ValueError(f"at = {at!r} belongs to peak_acceleration, which is not given")
+    return found
+
+
+def _of_pairs(
+    scene: Scene, pair: str | None, limits: list[Limit], mission: float, jobs: Jobs
+) -> Reliability:
+    """The probability that any pair is hit, or any limit exceeded, expected impacts, and the risk
+    of each pair."""
+    some = replace(jobs, deadline=jobs.deadline.sooner(1.0 - FIRST_HITS))
+    try:
+        chance, risks, overlap = first_hits_of_pairs(scene, pair, mission, some)
+    except ShocksMeet:
+        model = model_of(scene)
+        hit = [pair] if pair else [each.name for each in model.pairs]
+        chance, risks, overlap = counted_hits(scene, model, hit, mission, some), {}, 0.0
+    except NotApplicable as reason:
+        raise NotApplicable("reliability", reason.conditions) from reason
+    chances = {"hit": chance}
+    # first crossings end once the probabilities below SMALL are known
+    missing = _inaccurate({"hit": chance.estimate}, jobs) if chance.estimate.value < SMALL else {}
+    outputs: dict[str, Estimate] = {}
+    unknown: list[str] = []
+    hits = None
+    stopped = scene
+    if pair is not None:
+        kept = tuple(each for each in scene.impact_pairs if each.name == pair)
+        stopped = scene.model_copy(update={"impact_pairs": kept})
+    try:
+        if model_of(scene).drawn:
+            sentence = (
+                "impacts after the first one are not followed beside shocks; impacts counts all"
+            )
+            raise NotApplicable("expected impacts", [sentence])
+        if chance.estimate.value > 0.0:
+            hits, risks = hits_of_pairs(stopped, mission, overlap, risks, jobs.sharing(len(limits)))
+            missing |= _inaccurate({"expected_hits": hits.estimate}, jobs)
+    except NotApplicable as reason:
+        unknown.append(f"expected impacts are not calculated: {'; '.join(reason.conditions)}")
+    except (NotConverged, Interrupted) as error:
+        missing["expected_hits"] = str(error)
+    for number, limit in enumerate(limits):
+        some = jobs.sharing(len(limits) - number - 1)
+        try:
+            harder, by_output = harder_hits_of_pairs(stopped, limit, mission, overlap, some)
+        except (NotConverged, Interrupted) as error:
+            missing[limit.event] = str(error)
+            continue
+        chances[limit.event] = harder
+        outputs |= by_output
+        missing |= _inaccurate({limit.event: harder.estimate}, jobs)
+    found = Reliability(
+        mission=mission,
+        start="stationary",
+        chances=chances,
+        hits=None if hits is None else hits.estimate,
+        hits_interval=None if hits is None else hits.interval,
+        confidence=jobs.confidence,
+        assumptions=[
+            *_assumptions(scene, "stationary"),
+            *same_gaps(model_of(scene)),
+            *unknown,
+            *(
+                []
+                if pair is None
+                else [f"every number is that of {pair}, as if it alone had stops"]
+            ),
+        ],
+        warnings=[
+            f"peak_acceleration of {limit.value:.4g} m/s^2 is exceeded without any stop, with a "
+            f"probability of {alone:.3g} at least; only contacts are counted here"
+            for limit in limits
+            if not is_speed(limit.event)
+            and (alone := without_stops(model_of(scene), limit, mission)) >= AS_MUCH
+        ],
+        missing=missing,
+        pairs=risks,
+        outputs=outputs,
+        cost=jobs.run.cost(
+            steps=0 if hits is None else hits.steps,
+            paths=sum(each.trials for each in chances.values()),
+        ),
+        provenance=provenance(scene.document(), jobs.run.seed),
+    )
+    if jobs.deadline.interrupted:
+        raise jobs.deadline.fell_short("before its errors were small enough", "", found)
+    if missing:
+        raise NotConverged("; ".join(f"{name}: {why}" for name, why in missing.items()), found)
+    return found
+
+
+def _under_peaks(scene: Scene, pair: str | None, mission: float, jobs: Jobs) -> Reliability:
+    """The probability of any impact under noise with fast peaks."""
+    try:
+        chance = first_hit_under_peaks(scene, pair, mission, jobs)
+    except NotApplicable as reason:
+        raise NotApplicable("reliability", reason.conditions) from reason
+    missing = _inaccurate({"hit": chance.estimate}, jobs)
+    alone = [] if pair is None else [f"every number is that of {pair}, as if it alone had stops"]
+    found = Reliability(
+        mission=mission, start="stationary", chances={"hit": chance}, hits=None,
+        hits_interval=None, confidence=jobs.confidence,
+        assumptions=[
+            *_assumptions(scene, "stationary"),
+            "impacts after the first one are not followed under noise with fast peaks; impacts "
+            "counts all",
+            *alone,
+        ],
+        missing=missing, cost=jobs.run.cost(paths=chance.trials),
+        provenance=provenance(scene.document(), jobs.run.seed),
+    )  # fmt: skip
+    if jobs.deadline.interrupted:
+        raise jobs.deadline.fell_short("before its error was small enough", "", found)
+    if missing:
+        raise NotConverged("; ".join(f"{name}: {why}" for name, why in missing.items()), found)
+    return found
+
+
+def _sampled(
+    model: Model, scene: Scene, ends: Ends, limits: dict[str, float], mission: float,
+    start: Start, way: Way | None, jobs: Jobs,
+) -> tuple[dict[str, Chance], Hits | None, dict[str, str]]:  # fmt: skip
+    """Answers under white noise, by missions, and by first crossings where the start allows it; and
+    the reasons why something was not found."""
+    name = "hit" if model.stops else "passage"
+    chances: dict[str, Chance] = {}
+    missing: dict[str, str] = {}
+    found = None
+    if way == "first crossings" or (way is None and start == "stationary"):
+        found = first_hit(scene, ends, mission, jobs, surely=way is not None)
+    missions = None if way == "first crossings" else way
+    plans: dict[str, MissionPlan] = (
+        {} if found else {name: passage_plan(model, *ends, mission, start)}
+    )
+    if found is not None:
+        chances[name] = found
+    if "impact_speed" in limits:
+        plans["impact_speed"] = impact_plan(model, mission, start, limits["impact_speed"])
+    if "peak_acceleration" in limits:
+        sharpest = limits["peak_acceleration"]
+        plans["peak_acceleration"] = acceleration_plan(model, mission, start, sharpest)
+    hits = None
+    if model.stops:
+        # impacts of a stationary motion are proportional to its duration: a duration in which it
+        # forgets its start suffices; it costs less than a long mission and shows more impacts than
+        # a short one
+        part = settling_time(model) if start == "stationary" else mission
+        counted = impact_plan(model, part, start)
+        try:
+            hits = jobs.sharing(len(plans)).hits(counted, missions, mission / part)
+        except (NotConverged, Interrupted) as error:
+            missing["expected_hits"] = str(error)
+    for done, (event, plan) in enumerate(plans.items()):
+        some = jobs.sharing(len(plans) - done - 1)
+        try:
+            chances[event] = some.chance(plan, event, limits.get(event), missions)
+        except (NotConverged, Interrupted) as error:
+            guided = None
+            if event in limits and start == "stationary" and missions is None:
+                guided = _without_energy(scene, event, limits[event], mission, some)
+            if guided is None:
+                missing[event] = str(error)
+            else:
+                chances[event] = guided
+    return chances, hits, missing
+
+
+def _without_energy(
+    scene: Scene, event: str, limit: float, mission: float, jobs: Jobs
+) -> Chance | None:
+    """The probability where the energy did not guide a splitting to the event; None without time
+    left, or where the stops leave out the mean position."""
+    if jobs.deadline.passed():
+        return None
+    try:
+        found = exceedance(scene, Limit(event, limit), mission, jobs)
+    except NotApplicable:
+        return None
+    late = "a splitting by energy did not end in its share of the budget"
+    return replace(found, why=f"{found.why}; {late}")
+
+
+def _check(
+    mission: float, impact_speed: float | None, peak_acceleration: float | None, start: str,
+    way: str | None, rel_error: float, confidence: float,
+) -> None:  # fmt: skip
+    """Raise ValueError where an argument is out of range or contradicts another one."""
+    for name, value, unit in (
+        ("mission", mission, "seconds"),
+        ("impact_speed", impact_speed, "m/s"),
+        ("peak_acceleration", peak_acceleration, "m/s^2"),
+    ):
+        if value is not None and not 0.0 < value < math.inf:
+            raise ValueError(f"{name} must be a positive number of {unit}, got {value}")
+    if start not in ("rest", "stationary"):
+        raise ValueError(f"start must be 'rest' or 'stationary', got {start!r}")
+    if way not in (None, "crude", "splitting", "first crossings"):
+        raise ValueError(
+            f"way must be 'crude', 'splitting', 'first crossings' or None, got {way!r}"
+        )
+    if way == "first crossings" and start == "rest":
+        raise ValueError("way = 'first crossings' needs start = 'stationary', got 'rest'")
+    if not 1e-3 <= rel_error < 1.0:
+        raise ValueError(f"rel_error must be in [1e-3, 1), got {rel_error}")
+    if not 0.0 < confidence < 1.0:
+        raise ValueError(f"confidence must be between 0 and 1, got {confidence}")
+
+
+def _barriers(model: Model, barrier: float | Ends | None) -> Ends:
+    """Lower and upper stop, or barrier, m; checked."""
+    if model.pairs:
+        if barrier is not None:
+            raise ValueError(
+                "barrier must be left out where the scene has stops: the event is then an impact "
+                "on them; leave barrier out, or take impact_pair out of the scene"
+            )
+        pair = model.pairs[0]
+        lower, upper = (
+            None if stop is None else stop.position for stop in (pair.lower, pair.upper)
+        )
+        return lower, upper
+    if barrier is None:
+        raise ValueError("barrier must be given where the scene has no impact_pair, got none")
+    if isinstance(barrier, tuple):
+        lower, upper = barrier
+    else:
+        lower, upper = -barrier, barrier
+    known = [end for end in (lower, upper) if end is not None]
+    crossed = lower is not None and upper is not None and lower >= upper
+    if not known or not all(math.isfinite(end) for end in known) or crossed:
+        raise ValueError(
+            "barrier must be a positive number, or (lower, upper) with lower < upper, got "
+            f"{barrier}"
+        )
+    return lower, upper
+
+
+def _outside(model: Model, ends: Ends) -> str:
+    """A sentence, if the position where spring and load balance does not lie between the stops or
+    barriers; else an empty one. A mass may rest on a stop, but a barrier at its place is passed
+    before the start."""
+    rest = model.rest
+    lower, upper = ends
+    below = -math.inf if lower is None else lower
+    above = math.inf if upper is None else upper
+    if below < rest < above or (model.stops and rest in (below, above)):
+        return ""
+    what = "stops" if model.stops else "barriers"
+    words = ("none" if end is None else f"{end:g} m" for end in ends)
+    return f"spring and load balance at {rest:g} m, not between the {what} ({', '.join(words)})"
+
+
+def _is_coloured(scene: Scene, model: Model, start: str, way: str | None) -> bool:
+    """Whether the noise has a memory of its own; raises for what no way covers."""
+    unmet = beyond_one_oscillator(model, with_filters=True, with_sines=True, with_speeds=True)
+    unmet += not_gaussian(model)
+    if unmet:
+        raise NotApplicable("reliability", unmet)
+    if unmet := without_noise(model):
+        raise NotApplicable("reliability", unmet)
+    if model.omega == 0.0:
+        raise NotApplicable(
+            "reliability",
+            [
+                "structure.stiffness must be positive, since missions start at rest on the spring "
+                "or in the motion without stops, got 0"
+            ],
+        )
+    kinds = {excitation.kind for excitation in scene.excitations}
+    coloured = not kinds <= {"white", "constant"}
+    if coloured and start == "rest":
+        raise NotApplicable(
+            "reliability",
+            ["start = 'rest' needs white noise, got " + ", ".join(sorted(kinds - {"constant"}))],
+        )
+    if coloured and way in ("crude", "splitting"):
+        raise NotApplicable(
+            "reliability", [f"way = {way!r} needs white noise; leave way out under other noise"]
+        )
+    return coloured
+
+
+def _assumptions(scene: Scene, start: str) -> list[str]:
+    found = list(scene.assumptions())
+    if start == "rest":
+        found.append("missions start at rest, where spring and load balance")
+    else:
+        found.append(
+            "missions start in the stationary motion: without stops and barriers for an impact or "
+            "a passage (a start beyond one counts at once), with stops for all else"
+        )
+    found.append("intervals cover statistical errors; the bias of the step is stated apart")
+    return found
+
+
+def _beyond_at_the_start(
+    scene: Scene, model: Model, ends: Ends, start: str, coloured: bool, chances: dict[str, Chance]
+) -> list[str]:
+    """Warnings where much of P(hit) is the probability to start beyond the stops, where no impact
+    happens."""
+    chance = chances.get("hit") or chances.get("passage")
+    if start == "rest" or chance is None:
+        return []
+    if coloured:
+        (motion,) = free_motion(model, with_sines=True).moving_means(np.eye(1))
+    else:
+        std = math.sqrt(model.intensity / (2.0 * model.damping_rate)) / model.omega
+        motion = MovingMean.still(std, model.omega * std)
+    outside = sum(
+        motion.beyond(side * (end - model.rest))
+        for side, end in zip((-1.0, 1.0), ends, strict=True)
+        if end is not None
+    )
+    if outside <= AT_ONCE * chance.estimate.value:
+        return []
+    hit = {"hit": True, "passage": False}[chance.event]
+    beyond = "the stops" if hit else "the barriers"
+    apart = (
+        "; expected impacts, and all else, belong to the motion with the stops, and may be fewer"
+        if hit
+        else ""
+    )
+    return [
+        f"{chance.event}: {outside:.3g} of it is the probability that the motion without {beyond} "
+        f"is beyond them at the start already{apart}; start at rest to leave that out"
+    ]
+
+
+def _by_the_spring(model: Model, ends: Ends, limit: float | None) -> list[str]:
+    """A warning where the spring alone exceeds the limit of the acceleration, since only contacts
+    count."""
+    if limit is None:
+        return []
+    most = max(model.omega**2 * abs(end - model.rest) for end in ends if end is not None)
+    if most < limit:
+        return []
+    return [
+        f"peak_acceleration of {limit:.4g} m/s^2 is exceeded without any stop: the spring alone "
+        f"brings {most:.4g} m/s^2 at a stop; only contacts are counted here"
+    ]
+
+
+def _inaccurate(found: Mapping[str, Estimate], jobs: Jobs) -> dict[str, str]:
+    """Why what was found is not as accurate as asked for, by name."""
+    reasons = {}
+    budget = jobs.deadline.budget
+    if budget is None:
+        ended = ""
+    elif jobs.deadline.passed():
+        ended = f" when the budget of {budget:g} s ended"
+    else:
+        ended = f" when its share of the budget of {budget:g} s ended"
+    for name, estimate in found.items():
+        if estimate.upper_95 is not None:
+            seen = TOO_FEW if TOO_FEW in estimate.how else "not once"
+            reasons[name] = (
+                f"it was seen {seen}{ended}: it is at most {estimate.upper_95:.3g} "
+                f"({100.0 * jobs.confidence:g} %); raise budget, or ask for a lower limit"
+            )
+        elif estimate.standard_error > MISSED * jobs.rel_error * estimate.value:
+            error = estimate.standard_error / estimate.value
+            remedies = [f"rel_error to {MISSED * error:.2g}"] if MISSED * error < 1.0 else []
+            if budget is not None:
+                remedies.append(f"budget to about {budget * (error / jobs.rel_error) ** 2:.0f} s")
+            reasons[name] = (
+                f"its relative error was {error:.2g}{ended}, asked for {jobs.rel_error:g}; raise "
+                f"{' or '.join(remedies)}"
+            )
+    return reasons
+
+
+def _estimates(chances: Mapping[str, Chance], hits: Hits | None) -> dict[str, Estimate]:
+    """Everything that `rel_error` governs, by name."""
+    found = {name: chance.estimate for name, chance in chances.items()}
+    return found if hits is None else found | {"expected_hits": hits.estimate}

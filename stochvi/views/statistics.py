@@ -1,0 +1,810 @@
+"""Spectra, statistics of impacts and reliability on a terminal."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+
+from stochvi.isolators.sizing.answer import NEAR_ONE, over_percent, spoken_mission, spoken_percent
+from stochvi.mathematics.numerics import Matrix
+from stochvi.mathematics.units import (
+    ACCELERATION,
+    DENSITY,
+    ENERGY,
+    FORCE,
+    HOURLY,
+    LENGTH,
+    NUMBER,
+    SPEED,
+    STIFFNESS,
+    TIME,
+    ShownQuantity,
+    Size,
+    shown_as,
+)
+from stochvi.results.base import is_speed, unit_of_limit
+from stochvi.results.estimates import Estimate, format_with_error
+from stochvi.views.axes import (
+    BAND_ALPHA,
+    CLEARANCES,
+    COLOURS,
+    MOST_OF_SPECTRA,
+    OWNERS,
+    TRANSFERS,
+    add_grid,
+    axes_or_new,
+    legend_above,
+    limit_decades,
+    owner_colours,
+    plain_ticks,
+)
+from stochvi.views.tables import (
+    new_table,
+    print_assumptions,
+    print_frame,
+    print_line,
+    print_table,
+    value_with_error,
+    way_in_words,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from rich.console import Console
+
+    from stochvi.isolators.bumpers import BumperMap
+    from stochvi.statistics.damage import Damage, SpectrumValues, TailoredTest
+    from stochvi.statistics.impacts import Histogram, ImpactStatistics
+    from stochvi.statistics.reliability import Reliability
+    from stochvi.statistics.spectra import Curve, ResponseSpectrum
+
+
+# ------------------------------------------------------------------------------
+# Pictures of response spectra with their 95 % bands.
+# ------------------------------------------------------------------------------
+
+
+DENSITIES = {
+    "displacement": (
+        "displacement\nrelative to the base", ShownQuantity("length", Size("m²/Hz", 1.0), 2, "/Hz")
+    ),
+    "velocity": (
+        "velocity\nrelative to the base", ShownQuantity("speed", Size("(m/s)²/Hz", 1.0), 2, "/Hz")
+    ),
+    "acceleration": (
+        "acceleration\n{}", ShownQuantity("acceleration density", Size("(m/s²)²/Hz", 1.0))
+    ),
+}  # fmt: skip
+"""Labels of the panels of densities, by quantity; the label of an acceleration is completed by the
+kind of acceleration."""
+
+TRANSFER_NAMES = {
+    "transmissibility_h1": "H1, the linear part",
+    "transmissibility_ratio": "root of the ratio of densities",
+}
+"""Names of the transmissibilities in the panel that compares with the excitation."""
+
+TITLE = "spectra, one-sided per hertz, with 95 % bands"
+
+
+def plot_curve(
+    curve: Curve, ax: Axes, *, colour: str = OWNERS[0], label: str = "",
+    quantity: ShownQuantity = NUMBER,
+) -> Axes:  # fmt: skip
+    """A curve with its 95 % band, both axes logarithmic; values that reach zero leave the view."""
+    ax.fill_between(
+        curve.frequency_hz, np.maximum(quantity(curve.lower), 1e-300), quantity(curve.upper),
+        color=colour, alpha=BAND_ALPHA, linewidth=0,
+    )  # fmt: skip
+    ax.plot(curve.frequency_hz, quantity(curve.value), color=colour, linewidth=0.9, label=label)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    limit_decades(ax, MOST_OF_SPECTRA)
+    return ax
+
+
+MODAL = re.compile(r"mode \d+")
+"""Names of modal coordinates, which are not drawn beside points."""
+
+
+def draw_spectrum(found: ResponseSpectrum, title: str = "") -> Axes:
+    """All spectra, one panel for each quantity; the last panel compares with the excitation."""
+    shown = {owner: c for owner, c in found.curves.items() if not MODAL.fullmatch(owner)}
+    shown = shown or dict(found.curves)
+    present = [name for name in DENSITIES if any(name in c for c in shown.values())]
+    transfer = next((c for c in found.curves.values() if "coherence" in c), None)
+    rows = len(present) + (transfer is not None)
+    figure, grid = plt.subplots(
+        rows, 1, figsize=(7.2, 2.3 * rows + 0.6), sharex=True, squeeze=False, layout="constrained"
+    )
+    axes = grid[:, 0]
+    for ax, name in zip(axes, present, strict=False):
+        words, quantity = DENSITIES[name]
+        for colour, (owner, curves) in zip(OWNERS, shown.items(), strict=False):
+            if name in curves:
+                plot_curve(curves[name], ax, colour=colour, label=owner, quantity=quantity)
+        which, _, more = found.meanings.get(name, "").partition(", between impacts")
+        label = words.format("absolute, between impacts" if more else which)
+        ax.set_ylabel(f"{label}\n({quantity})")
+        ax.grid(alpha=0.25)
+    if len(shown) > 1:
+        axes[0].legend(frameon=False, fontsize="small", loc="lower left")
+    if transfer is not None:
+        _draw_transfer(transfer, axes[-1])
+    axes[-1].set_xlabel("frequency (Hz)")
+    figure.suptitle(f"{title}\n{TITLE}" if title else TITLE, fontsize="medium")
+    first: Axes = axes[0]
+    return first
+
+
+def _draw_transfer(transfer: Mapping[str, Curve], ax: Axes) -> None:
+    """Transmissibilities, and the coherence on a linear axis at the right."""
+    for name, label in TRANSFER_NAMES.items():
+        plot_curve(transfer[name], ax, colour=TRANSFERS[name], label=label)
+    values = np.concatenate([transfer[name].value for name in TRANSFER_NAMES])
+    ax.set_ylim(0.5 * max(values.min(), 1e-3 * values.max()), 4.0 * values.max())
+    ax.set_ylabel("transmissibility")
+    ax.grid(alpha=0.25)
+    right = ax.twinx()
+    plot_curve(
+        transfer["coherence"], right, colour=TRANSFERS["coherence"], label="coherence, right axis"
+    )
+    right.set_yscale("linear")
+    right.set_ylim(0.0, 1.25)  # the legend stands above 1
+    right.set_yticks(np.linspace(0.0, 1.0, 6))
+    right.set_ylabel("coherence", color=TRANSFERS["coherence"])
+    right.tick_params(axis="y", colors=TRANSFERS["coherence"])
+    lines = [*ax.get_lines(), *right.get_lines()]
+    ax.legend(handles=lines, frameon=False, fontsize="small", ncols=3, loc="upper left")
+
+
+# ------------------------------------------------------------------------------
+# Pictures of impact statistics: densities of impact speeds and of times between impacts.
+# ------------------------------------------------------------------------------
+
+
+def plot_histogram(
+    found: Histogram, ax: Axes, quantity: ShownQuantity, *, colour: str = OWNERS[0], label: str = ""
+) -> Axes:
+    """A density on logarithmic bins, with its standard errors; empty bins are left out."""
+    seen, unit = found.density > 0.0, quantity.shown.si
+    ax.errorbar(
+        found.middles[seen] / unit, found.density[seen] * unit, found.standard_error[seen] * unit,
+        fmt="o", markersize=3, color=colour, linewidth=0.9, label=label,
+    )  # fmt: skip
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    return ax
+
+
+def draw_impacts(found: ImpactStatistics, title: str = "") -> Axes:
+    """Densities of impact speeds, with Rayleigh's of the same rms speed and the power law of slow
+    impacts, and of the times between impacts."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
+    colours, speed, time = owner_colours(len(found.pairs)), SPEED.shown.si, TIME.shown.si
+    for colour, (name, pair) in zip(colours, found.pairs.items(), strict=True):
+        if pair.speeds is None:
+            continue
+        plot_histogram(pair.speeds, left, SPEED, colour=colour, label=name)
+        w = pair.speeds.middles
+        left.plot(w / speed, pair.rayleigh(w) * speed, "--", color=colour, linewidth=1.0)
+        for side, exponent in pair.exponents.items():
+            if exponent.theory is None:
+                continue
+            seen = np.flatnonzero(pair.speeds.density > 0.0)
+            slow = w < 0.3 * pair.speed_rms.value if pair.speed_rms else w < 0.0
+            start = pair.speeds.density[seen][:8].mean(), w[seen][:8].mean()
+            power = start[0] * (w[slow] / start[1]) ** exponent.theory
+            label = f"w^{exponent.theory:.2g}" + (f", {side}" if side != "both" else "")
+            left.plot(w[slow] / speed, power * speed, ":", color=colour, linewidth=1.6, label=label)
+        if pair.intervals is not None:
+            plot_histogram(pair.intervals, right, TIME, colour=colour, label=name)
+            t, rate = pair.intervals.middles, pair.rates["both"].estimate.value
+            with np.errstate(under="ignore"):
+                poisson = rate * np.exp(-rate * t)
+            right.plot(t / time, poisson * time, "--", color=colour, linewidth=1.0)
+    for ax, law, labels in (
+        (left, "Rayleigh", (f"impact speed ({SPEED})", f"density ({SPEED.inverse})")),
+        (right, "Poisson", (f"time between impacts ({TIME})", f"density ({TIME.inverse})")),
+    ):
+        if ax.lines:
+            ax.plot([], [], "--", color="0.4", linewidth=1.0, label=law)
+        heights = [float(y) for each in ax.containers for y in each[0].get_ydata()]
+        ax.set_ylim(0.3 * min(heights, default=1e-3), 3.0 * max(heights, default=1.0))
+        ax.set_xlabel(labels[0])
+        ax.set_ylabel(labels[1])
+        ax.grid(alpha=0.25)
+        if ax.get_legend_handles_labels()[0]:
+            ax.legend(frameon=False, fontsize="small")
+    figure.suptitle(title or "impacts")
+    first: Axes = left
+    return first
+
+
+# ------------------------------------------------------------------------------
+# Damage of equipment: the table on a terminal, and the pictures of its spectra.
+# ------------------------------------------------------------------------------
+
+
+ROWS = 12
+"""Largest number of frequencies of the table on a terminal; the file has all of them."""
+
+WITH, WITHOUT, SHOCK = COLOURS["simulate"], COLOURS["exact"], COLOURS["stop"]
+"""Colours of the scene as it is, without its stops, and of its impacts."""
+
+
+def print_damage(console: Console, found: Damage) -> None:
+    """Print the spectra at some frequencies, and the impacts."""
+    headings = ["Hz", f"rms ({ACCELERATION})", f"largest ({ACCELERATION})", "damage"]
+    without = found.without_stops
+    compared = (
+        without is not None
+        and found.damage_ratio is not None
+        and found.impacts_per_hour is not None
+        and not found.unseen
+    )
+    if compared:
+        headings += [
+            f"rms, no stops ({ACCELERATION})", f"largest, no stops ({ACCELERATION})",
+            "times the damage",
+        ]  # fmt: skip
+    headings.append(f"equivalent ({DENSITY})")
+    if found.shocks is not None:
+        headings += [f"typical impact ({ACCELERATION})", f"worst of 100 ({ACCELERATION})"]
+    title = (
+        f"equipment at {found.at}, Q = {found.quality:g}, b = {found.exponent:g}, in a mission of "
+        f"{spoken_mission(found.mission)}"
+    )
+    table = new_table(title, headings)
+    count = len(found.equipment_frequency_hz)
+    for k in np.unique(np.linspace(0, count - 1, min(count, ROWS)).round().astype(int)):
+        spectra = found.with_stops
+        row = [
+            f"{found.equipment_frequency_hz[k]:.4g}", _one(spectra.response_rms, k, ACCELERATION),
+            _one(spectra.extreme_response, k, ACCELERATION), _one(spectra.fatigue_damage, k),
+        ]  # fmt: skip
+        if compared and without is not None and found.damage_ratio is not None:
+            row += [
+                _one(without.response_rms, k, ACCELERATION),
+                _one(without.extreme_response, k, ACCELERATION), _one(found.damage_ratio, k),
+            ]  # fmt: skip
+        row.append(_one(found.equivalent_density, k, DENSITY))
+        if found.shocks is not None:
+            shocks = (found.shocks.typical, found.shocks.worst)
+            row += [f"{ACCELERATION(shock[k]):.3g}" for shock in shocks]
+        table.add_row(*row)
+    print_table(console, table)
+    for line in hits_in_words(found):
+        print_line(console, line)
+    console.print(found.summary(), highlight=False)
+    if found.test is not None:
+        _print_test(console, found, found.test)
+    print_assumptions(console, found.assumptions)
+    for warning in found.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def _print_test(console: Console, found: Damage, test: TailoredTest) -> None:
+    """Print the profile of a test."""
+    print_line(
+        console,
+        f"random test of {spoken_mission(test.duration)} with the damage of "
+        f"{spoken_mission(found.mission)}, at {test.exaggeration:.3g} times the rms:",
+    )
+    table = new_table("", ["Hz", str(DENSITY)])
+    for frequency, density in zip(test.frequency_hz, test.density, strict=True):
+        table.add_row(f"{frequency:.4g}", f"{DENSITY(density):.3g}")
+    print_table(console, table)
+    console.print(test.summary(), highlight=False)
+
+
+def hits_in_words(found: Damage) -> list[str]:
+    """Sentences on the impacts, their energy and accelerations."""
+    energy = f" {ENERGY}/kg" if found.scene_without_mass else f" {ENERGY}"
+    lines = [
+        f"{words} {_hourly(quantity(estimate))}{unit} per {HOURLY.time}"
+        for words, estimate, quantity, unit in (
+            ("impacts", found.impacts_per_hour, NUMBER, ""),
+            ("impacts bring", found.impact_work_per_hour, ENERGY, energy),
+            ("and lose", found.impact_loss_per_hour, ENERGY, energy),
+        )
+        if estimate is not None and not (found.unseen and quantity is ENERGY)
+    ]
+    lines += [
+        f"contacts above {ACCELERATION.text(float(level))}: {_hourly(estimate)} per {HOURLY.time}"
+        for level, estimate in found.contacts_above.items()
+    ]
+    return lines
+
+
+def _hourly(per_hour: Estimate) -> str:
+    """A rate, per hour, in the unit of rates that is shown."""
+    estimate = HOURLY(per_hour / 3600.0)
+    if estimate.upper_95 is not None:
+        return f"at most {estimate.upper_95:.3g}"
+    return value_with_error(estimate)
+
+
+def _one(values: SpectrumValues, k: int, quantity: ShownQuantity = NUMBER) -> str:
+    """A value with its errors, in the unit that is shown."""
+    estimate = Estimate(
+        value=float(values.value[k]), standard_error=float(values.standard_error[k]),
+        bias=float(values.bias[k]),
+    )  # fmt: skip
+    return value_with_error(quantity(estimate))
+
+
+def draw_damage(found: Damage, title: str = "") -> Axes:
+    """Extreme response and shocks, fatigue damage, and the density that does the same damage."""
+    figure, axes = plt.subplots(3, 1, figsize=(7.2, 8.4), sharex=True, layout="constrained")
+    plot_extremes(found, axes[0])
+    plot_fatigue(found, axes[1])
+    _curve(axes[2], found, found.equivalent_density, WITH, "same damage without stops", DENSITY)
+    if found.test is not None:
+        words = f"test of {spoken_mission(found.test.duration)}"
+        points = found.test.frequency_hz, DENSITY(found.test.density)
+        axes[2].plot(*points, "o-", color=SHOCK, markersize=3, label=words)
+        axes[2].legend(frameon=False, fontsize="small")
+    axes[2].set_ylabel(f"equivalent density\n({DENSITY}, one-sided)")
+    axes[2].set_yscale("log")
+    plain_ticks(axes[2])
+    add_grid(axes[2])
+    axes[2].set_xlabel("natural frequency of the equipment (Hz)")
+    words = (
+        f"equipment at {found.at}, Q = {found.quality:g}, in a mission of "
+        f"{spoken_mission(found.mission)}"
+    )
+    figure.suptitle(f"{title}\n{words}" if title else words, fontsize="medium")
+    first: Axes = axes[0]
+    return first
+
+
+def plot_damage(found: Damage, ax: Axes | None = None) -> Axes:
+    """All spectra, or the fatigue damage alone in given Axes."""
+    if ax is None:
+        return draw_damage(found)
+    plot_fatigue(found, ax)
+    ax.set_xlabel("natural frequency of the equipment (Hz)")
+    return ax
+
+
+def plot_extremes(found: Damage, ax: Axes | None = None) -> Axes:
+    """Expected largest acceleration of the equipment with the range of 95 % of missions, rms, and
+    shock spectra of impacts."""
+    ax = axes_or_new(ax)
+    f, shown = found.equipment_frequency_hz, ACCELERATION
+    spectra, without = found.with_stops, found.without_stops
+    largest = "largest of the record"
+    if found.way != "record":  # one record has no scatter
+        largest = "expected largest"
+        ax.fill_between(
+            f, shown(spectra.extreme_lower), shown(spectra.extreme_upper), color=WITH,
+            alpha=BAND_ALPHA, linewidth=0, label="largest of 95 % of missions",
+        )  # fmt: skip
+    ax.plot(f, shown(spectra.extreme_response.value), color=WITH, label=largest)
+    if without is not None and without is not spectra:
+        ax.plot(f, shown(without.extreme_response.value), color=WITHOUT, label="without stops")
+    if found.shocks is not None:
+        ax.plot(f, shown(found.shocks.worst), "--", color=SHOCK, label="worst of 100 impacts")
+        ax.plot(f, shown(found.shocks.typical), ":", color=SHOCK, label="typical impact")
+    ax.plot(f, shown(spectra.response_rms.value), color=WITH, linewidth=0.8, label="rms")
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_ylabel(f"acceleration of the\nequipment ({ACCELERATION})")
+    _show_one(ax, found)
+    plain_ticks(ax)
+    add_grid(ax)
+    legend_above(ax)
+    return ax
+
+
+def plot_fatigue(found: Damage, ax: Axes | None = None) -> Axes:
+    """Fatigue damage spectrum with its 95 % intervals, with stops and without."""
+    ax = axes_or_new(ax)
+    _curve(ax, found, found.with_stops.fatigue_damage, WITH, "with stops")
+    if found.without_stops is not None and found.without_stops is not found.with_stops:
+        _curve(ax, found, found.without_stops.fatigue_damage, WITHOUT, "without stops")
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_ylabel(f"fatigue damage\n(m/s)^{found.exponent:g}")
+    plain_ticks(ax)
+    add_grid(ax)
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(frameon=False, fontsize="small")
+    return ax
+
+
+def _curve(
+    ax: Axes,
+    found: Damage,
+    values: SpectrumValues,
+    colour: str,
+    label: str,
+    quantity: ShownQuantity = NUMBER,
+) -> None:
+    """A curve with its 95 % intervals."""
+    f, half = found.equipment_frequency_hz, values.half_width_95()
+    low, high = np.maximum(values.value - half, 1e-3 * values.value), values.value + half
+    ax.fill_between(f, quantity(low), quantity(high), color=colour, alpha=BAND_ALPHA, linewidth=0)
+    ax.plot(f, quantity(values.value), color=colour, label=label)
+    _show_one(ax, found)
+
+
+def _show_one(ax: Axes, found: Damage) -> None:
+    """Mark the values of equipment of a single frequency, which no line would show."""
+    if len(found.equipment_frequency_hz) == 1:
+        for line in ax.lines:
+            line.set_marker("o")
+
+
+# ------------------------------------------------------------------------------
+# The bumper map on a terminal, and its picture.
+# ------------------------------------------------------------------------------
+
+
+SIZE = (10.0, 7.6)
+"""Size of the picture, inches."""
+
+LINES = 7
+"""Number of lines of equal values in a panel."""
+
+CORNERS = 4
+"""Number of clearances, and of stiffnesses, of the table on a terminal; the file has all."""
+
+
+class Panel(NamedTuple):
+    """A quantity of the map in words, and what stands behind its unit."""
+
+    name: str
+    words: str
+    quantity: ShownQuantity
+    more: str = ""
+
+
+def panels(found: BumperMap) -> list[Panel]:
+    """The four panels of the picture."""
+    per = "/kg" if found.scene_without_mass else ""
+    return [
+        Panel("peak_acceleration", "peak acceleration", ACCELERATION),
+        Panel("pad_force", "largest force on a stop", FORCE, per),
+        Panel("rattle_space", "travel per side", LENGTH),
+        Panel("energy_per_hit", "mean energy of an impact", ENERGY, per),
+    ]
+
+
+def print_bumper_map(console: Console, found: BumperMap) -> None:
+    """Print the quantities at some points, and the best one."""
+    console.print(found.summary(), style="bold", highlight=False)
+    headings = [
+        f"clearance ({LENGTH})",
+        f"stiffness ({STIFFNESS})" if _in_units(found) else "stiffness, times",
+    ]
+    shown = panels(found)
+    headings += [panel.quantity.heading(panel.words, panel.more) for panel in shown]
+    headings += ["limits"] if found.limits else []
+    rows, columns = found.feasible.shape
+    at = [np.unique(np.linspace(0, n - 1, CORNERS).round().astype(int)) for n in (rows, columns)]
+    left = rows * columns - len(at[0]) * len(at[1])
+    more = f"; {left} more points in the file of the map" if left else ""
+    table = new_table(f"exceeded in {_risk(found)}{more}", headings)
+    for row in at[0]:
+        for column in at[1]:
+            cells = [f"{LENGTH(found.clearance[row]):.3g}", f"{_stiffness(found)[column]:.3g}"]
+            for panel in shown:
+                cells.append(_one_point(found, panel, row, column))
+            if found.limits:
+                cells.append(_verdict(found, row, column))
+            table.add_row(*cells)
+    print_table(console, table)
+    print_assumptions(console, found.assumptions)
+    print_line(console, f"cost: {found.cost.wall_time:.3g} s on {found.cost.threads} threads")
+    for warning in found.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def _verdict(found: BumperMap, row: int, column: int) -> str:
+    """Whether a point keeps the limits, as far as its errors tell."""
+    if found.feasible[row, column]:
+        return "kept"
+    return "exceeded" if found.exceeded[row, column] else "not shown"
+
+
+def _risk(found: BumperMap) -> str:
+    return f"{spoken_percent(found.exceedance)} of missions of {spoken_mission(found.mission)}"
+
+
+def _in_units(found: BumperMap) -> bool:
+    return found.stiffness is not None
+
+
+def _stiffness(found: BumperMap) -> Matrix:
+    return found.stiffness_factor if found.stiffness is None else STIFFNESS(found.stiffness)
+
+
+def _one_point(found: BumperMap, panel: Panel, row: int, column: int) -> str:
+    """A value with its errors."""
+    values = getattr(found, panel.name)
+    value, error, bias = (
+        float(each[row, column]) for each in (values.value, values.standard_error, values.bias)
+    )
+    if not np.isfinite(value):
+        return "not known"
+    if not found.impact_speed.value[row, column] > 0.0:
+        untouched = "no contact" if panel.name == "pad_force" else f"{panel.quantity(value):.3g}"
+        return untouched if panel.name != "energy_per_hit" or value else "no contact"
+    estimate = Estimate(value=value, standard_error=error, bias=bias)
+    return value_with_error(panel.quantity(estimate), with_bias=False)
+
+
+def draw_bumper_map(found: BumperMap, title: str = "") -> Axes:
+    """Peak acceleration, force, rattle space and energy over clearance and stiffness, each with
+    what the limits leave."""
+    figure, axes = plt.subplots(2, 2, figsize=SIZE, sharex=True, sharey=True, layout="constrained")
+    for ax, panel in zip(axes.ravel(), panels(found), strict=True):
+        _draw_panel(found, panel, ax)
+    for ax in axes[1]:
+        ax.set_xlabel(f"clearance per side ({LENGTH})")
+    for ax in axes[:, 0]:
+        ax.set_ylabel(_stiffness_label(found))
+    words = f"exceeded in {_risk(found)}; mean energy"
+    figure.suptitle(f"{title}\n{words}" if title else words, fontsize="medium")
+    first: Axes = axes[0, 0]
+    return first
+
+
+def plot_bumper_map(found: BumperMap, ax: Axes | None = None) -> Axes:
+    """All panels, or the peak acceleration alone in given Axes."""
+    if ax is None:
+        return draw_bumper_map(found)
+    ax = axes_or_new(ax)
+    _draw_panel(found, panels(found)[0], ax)
+    ax.set_xlabel(f"clearance per side ({LENGTH})")
+    ax.set_ylabel(_stiffness_label(found))
+    return ax
+
+
+def _stiffness_label(found: BumperMap) -> str:
+    return (
+        f"stiffness of a stop ({STIFFNESS})"
+        if _in_units(found)
+        else "stiffness of a stop, times its own"
+    )
+
+
+def _draw_panel(found: BumperMap, panel: Panel, ax: Axes) -> None:
+    """One quantity in colours, with lines of equal values; what exceeds a limit is hatched,
+    and dotted where that is not known."""
+    values = panel.quantity(getattr(found, panel.name).value.T)
+    x, y = LENGTH(found.clearance), _stiffness(found)
+    known = np.ma.masked_invalid(np.where(values > 0.0, values, np.nan))
+    low, high = float(known.min()), float(known.max())
+    wide = high > 3.0 * low
+    norm = LogNorm(low, high) if wide else Normalize(low, high)
+    mesh = ax.pcolormesh(x, y, known, norm=norm, cmap="viridis", shading="nearest", rasterized=True)
+    levels = (np.geomspace if wide else np.linspace)(low, high, LINES + 2)[1:-1]
+    levels = np.unique([float(f"{level:.2g}") for level in levels])
+    if min(values.shape) > 1:
+        lines = ax.contour(x, y, known, levels=levels, colors="white", linewidths=0.7)
+        ax.clabel(lines, fmt="%g", fontsize=7)
+        if found.limits:
+            outside = (~found.feasible.T).astype(float)
+            beyond = np.where(found.exceeded.T, outside, 0.0)
+            for area, hatch in ((beyond, "////"), (outside - beyond, "..")):
+                ax.contourf(x, y, area, levels=[0.5, 1.5], colors="none", hatches=[hatch])
+            ax.contour(x, y, outside, levels=[0.5], colors="black", linewidths=1.4)
+    if (best := found.best) is not None:
+        ax.plot(
+            LENGTH(best.clearance), y[best.column], "*", markersize=13, markeredgecolor="black",
+            color=CLEARANCES["three_sigma"],
+        )  # fmt: skip
+    ax.set_yscale("log")
+    plain_ticks(ax)
+    limit = found.limits.get(panel.name)
+    most = "" if limit is None else f", at most {panel.quantity(limit):.4g}"
+    ax.set_title(panel.quantity.heading(panel.words, panel.more + most), fontsize="medium")
+    bar = ax.figure.colorbar(mesh, ax=ax)
+    bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if wide else MaxNLocator(6))
+    bar.ax.yaxis.set_major_formatter("{x:g}")
+    bar.ax.yaxis.set_minor_formatter(NullFormatter())
+
+
+# ------------------------------------------------------------------------------
+# Spectra, statistics of impacts and reliability on a terminal.
+# ------------------------------------------------------------------------------
+
+
+STARTS = {"rest": "rest", "stationary": "the stationary motion"}
+"""The starts of a mission in words."""
+
+SURELY = 0.9
+"""Lower end of an interval that reaches to 1, from which on "over" and that end are printed; where
+it is lower the probability is hardly known, and the interval is printed."""
+
+
+def print_spectrum(console: Console, found: ResponseSpectrum) -> None:
+    """Print the peak of each spectrum and the meanings of the spectra."""
+    print_frame(console, found.peaks(), "at the peak of each spectrum, one-sided per hertz")
+    for name, meaning in found.meanings.items():
+        console.print(f"{name}: {meaning}", style="dim", highlight=False)
+    console.print(found.summary(), highlight=False)
+    _print_limits(console, found.assumptions, found.warnings)
+
+
+def print_impacts(console: Console, found: ImpactStatistics, mission: float | None = None) -> None:
+    """Print the rates of impacts with their intervals, and the impacts in a mission, s."""
+    print_frame(
+        console,
+        found.to_table(),
+        "impacts, with 95 % intervals of the rates",
+    )
+    console.print(found.summary(), highlight=False)
+    if mission is not None:
+        console.print(_in_mission(found, mission), highlight=False)
+    _print_limits(console, found.assumptions, found.warnings)
+
+
+def _in_mission(found: ImpactStatistics, mission: float) -> str:
+    """The mean number of impacts of each pair in a mission, s, with its 95 % interval: the rate
+    times the time, of a motion that is stationary from the start."""
+    sentences = []
+    for name, pair in found.pairs.items():
+        rate = pair.rates["both"]
+        low, high = rate.lower * mission, rate.upper * mission
+        mean = f"{rate.estimate.value * mission:.4g} ({low:.4g} to {high:.4g})"
+        number = f"at most {high:.4g}" if rate.estimate.value == 0.0 else mean
+        sentences.append(f"{name}: {number} impacts in {spoken_mission(mission)}")
+    return "; ".join(sentences)
+
+
+def _print_limits(console: Console, assumptions: Sequence[str], warnings: Sequence[str]) -> None:
+    console.print(f"assumptions: {'; '.join(assumptions)}", style="dim", highlight=False)
+    for warning in warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def chance_in_words(value: float, error: float, lower: float) -> str:
+    """A probability with its error; near 1, the number that it exceeds, or its interval where that
+    reaches far below 1."""
+    if value < NEAR_ONE:
+        return format_with_error(value, error)
+    if lower < SURELY:
+        return f"{max(lower, 0.0):.2g} to 1"
+    return over_percent(lower)
+
+
+def _print_pairs(console: Console, found: Reliability) -> None:
+    """Print the risk of each of several pairs, and the probabilities for single coordinates and
+    points."""
+    table = new_table(
+        "pair by pair",
+        [
+            "pair",
+            "hit, if it alone had stops",
+            "of first impacts",
+            "expected impacts",
+            f"mean speed ({SPEED})",
+        ],
+    )
+    for name, risk in found.pairs.items():
+        table.add_row(
+            name,
+            _chance(risk.probability),
+            f"{100.0 * risk.share_of_first_hits:.3g} %",
+            _number(risk.expected_hits),
+            _number(SPEED(risk.impact_speed_mean)),
+        )
+    print_table(console, table)
+    if found.outputs:
+        limit = found.chances["peak_acceleration"].limit
+        table = new_table(
+            f"acceleration above {shown_as('m/s^2').text(limit or 0.0, 'g')}",
+            ["coordinate or point", "probability"],
+        )
+        for name, chance in found.outputs.items():
+            table.add_row(name, _chance(chance))
+        print_table(console, table)
+
+
+def _number(estimate: Estimate | None) -> str:
+    """A number with its errors; empty where it is not known."""
+    if estimate is None:
+        return ""
+    if estimate.upper_95 is not None:
+        return f"at most {estimate.upper_95:.3g}"
+    return value_with_error(estimate)
+
+
+def _chance(chance: Estimate) -> str:
+    """A probability with its standard error, or its upper limit."""
+    if chance.upper_95 is not None:
+        return f"at most {chance.upper_95:.3g}" if chance.upper_95 < NEAR_ONE else "unknown"
+    return chance_in_words(
+        chance.value, chance.standard_error, chance.value - chance.half_width_95()
+    )
+
+
+def _print_phases(console: Console, found: Reliability) -> None:
+    """Print the probabilities and the expected impacts of each phase of a mission."""
+    from stochvi.isolators.sizing.answer import spoken_mission
+
+    events = [event.replace("_", " ") for event in found.chances]
+    table = new_table("phase by phase", ["phase", "duration", *events, "expected impacts"])
+    for name, phase in found.phases.items():
+        table.add_row(
+            name,
+            spoken_mission(phase.mission),
+            *(
+                f"at most {chance.upper:.3g}"
+                if chance.estimate.value == 0.0
+                else chance_in_words(
+                    chance.estimate.value, chance.estimate.standard_error, chance.lower
+                )
+                for chance in (phase.chances[event] for event in found.chances)
+            ),
+            _number(phase.hits),
+        )
+    print_table(console, table)
+
+
+def print_reliability(console: Console, found: Reliability, limit_in_g: str | None = None) -> None:
+    """Print the probabilities with their intervals, how each was found, and the price.
+
+    `limit_in_g` is the limit of the acceleration as the user gave it, where that was in g.
+    """
+    from stochvi.isolators.sizing.answer import spoken_mission
+
+    title = f"in a mission of {spoken_mission(found.mission)} from {STARTS[found.start]}"
+    percent = f"{100.0 * found.confidence:g} % interval"
+    headings = ["event", "probability", percent, "rel. bias", "way", "CPU s"]
+    compared = any(chance.crude_seconds is not None for chance in found.chances.values())
+    table = new_table(title, [*headings, *["crude"] * compared])
+    for name, chance in found.chances.items():
+        estimate = chance.estimate
+        limit = ""
+        if chance.limit is not None:
+            quantity = shown_as(unit_of_limit(name))
+            limit = f" > {quantity.text(chance.limit, 'g')}"
+            if not is_speed(name) and limit_in_g and quantity.chosen is None:
+                limit = f" > {limit_in_g.removesuffix('g').strip()} g"
+        unseen = estimate.value == 0.0
+        known = estimate.bias is not None and not unseen
+        crude = chance.crude_seconds
+        table.add_row(
+            f"{name.replace('_', ' ')}{limit}",
+            f"at most {chance.upper:.3g} ({100.0 * chance.confidence:g} %)"
+            if unseen
+            else chance_in_words(estimate.value, estimate.standard_error, chance.lower),
+            f"{chance.lower:.3g} to {chance.upper:.3g}",
+            f"{(estimate.bias or 0.0) / estimate.value:.1g}" if known else "unknown",
+            way_in_words(chance.way),
+            f"{chance.seconds:.2g}",
+            *["" if crude is None else f"{crude:.2g}"] * compared,
+        )
+    for name in found.missing:
+        if name != "expected_hits" and name not in found.chances:
+            table.add_row(name.replace("_", " "), "not found")
+    print_table(console, table)
+    if found.phases:
+        _print_phases(console, found)
+    if found.pairs:
+        _print_pairs(console, found)
+    if "expected_hits" in found.missing and found.hits is None:
+        console.print("expected impacts not found", highlight=False)
+    if found.hits is not None and found.hits_interval is not None:
+        lower, upper = found.hits_interval
+        ends = "" if found.hits.upper_95 is not None else f", {lower:.4g} to {upper:.4g}"
+        console.print(f"expected impacts {_number(found.hits)}{ends}", highlight=False)
+    for chance in found.chances.values():
+        print_line(console, f"{chance.event.replace('_', ' ')}: {chance.why}")
+    for warning in found.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+    print_assumptions(console, found.assumptions)
+    meaning = "; crude: CPU seconds of whole missions for the same error" if compared else ""
+    print_line(console, f"cost: {found.cost.wall_time:.3g} s{meaning}")
