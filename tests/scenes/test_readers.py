@@ -645,7 +645,9 @@ def test_a_towering_heading_is_neither_searched_nor_repeated(tmp_path: Path, wor
             assert time.process_time() - began < 3.0 and len(told) < 800 + 3 * len(str(path))
 
 
-@pytest.mark.parametrize("secret", ["root:x:0:0:root", "-----BEGIN PRIVATE KEY-----", "1 hunter2"])
+@pytest.mark.parametrize(
+    "secret", ["root:x:0:0:root", "-----BEGIN PRIVATE KEY-----", "password 1 hunter2"]
+)
 def test_a_refusal_shows_no_text_of_a_file_that_is_no_table(tmp_path: Path, secret: str) -> None:
     """A scene of somebody else may name any file that its reader may read."""
     path = tmp_path / "secret"
