@@ -796,13 +796,16 @@ def _unlike_one_mode(
     gap give them, and scatter about it. It is 0 for a single mode.
     """
     n, omega = modes.size, gap.gap.omega
+    if n == 1:
+        return 0.0
     flow = np.zeros((2 * n, 2 * n))
     flow[:n, n:], flow[n:, :n], flow[n:, n:] = np.eye(n), -np.diag(modes.squares), -modes.damping
     seen = np.zeros((2, 2 * n))
     seen[0, :n], seen[1, n:] = row, row
     moved = seen[0] @ expm(flow * duration)
-    given = law.covariance @ seen.T @ np.linalg.inv(seen @ law.covariance @ seen.T)
-    left = law.covariance - given @ seen @ law.covariance
+    covariance = law.covariance[: 2 * n, : 2 * n]  # without the states of signals
+    given = covariance @ seen.T @ np.linalg.pinv(seen @ covariance @ seen.T)
+    left = covariance - given @ seen @ covariance
     speed = math.sqrt(math.pi / 2.0 * candidate.velocity_mean_square)
     by_push = moved[n:] @ row / (row @ row)
     alone = math.cos(omega * duration), float(np.sinc(omega * duration / math.pi)) * duration

@@ -994,3 +994,17 @@ def test_gaps_that_move_together_have_none() -> None:
     apart = other.model_copy(update={"on": "seat"})
     alone = scene.model_copy(update={"impact_pairs": [*scene.impact_pairs, apart]})
     assert structure_closure.outside(model_of(alone)) == ""
+
+
+def test_stops_of_two_laws_are_answered_under_a_sine() -> None:
+    """A sine has states of its own beside those of the motion."""
+    stops = ImpactPair(
+        lower=-3e-3,
+        upper=3e-3,
+        lower_law=Viscoelastic(stiffness=2e5, damping_ratio=0.3),
+        upper_law=Elastic(stiffness=2e5),
+    )
+    mount = Isolator(mass=2.0, frequency_hz=12.0, zeta=0.1)
+    sine = Sine(amplitude=8.0, frequency_hz=11.0)
+    found = linearise(Scene(structure=mount, impact_pairs=[stops], excitations=[sine]))
+    assert found.coordinates["x"].displacement_std.value > 1e-3
