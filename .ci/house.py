@@ -112,7 +112,10 @@ def in_house(house: Path, code: str, *arguments: str) -> list[str]:
     """The words that a piece of code prints last, run with the package of a house."""
     environment = os.environ | {"PYTHONPATH": str(house), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-c", code, *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=True)
+    # Python looks first into the folder where it starts
+    done = subprocess.run(
+        command, capture_output=True, text=True, env=environment, cwd=house, check=True
+    )
     return done.stdout.split("\n")[-2].split()
 
 
