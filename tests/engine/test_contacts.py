@@ -487,7 +487,7 @@ class Knocks(DrawnExcitation):
         return self.impulse
 
     def compiled(self, mass):
-        from stochvi.engine.characteristics.knocks import RandomKnocks
+        from stochvi.engine.knocks import RandomKnocks
 
         return RandomKnocks(self.rate, self.impulse / mass)
 
@@ -501,7 +501,7 @@ class Knocks(DrawnExcitation):
 CALLED = """
 import math
 from typing import NamedTuple
-from stochvi.engine.parts import kicked, pull, read, remembers
+from stochvi.engine.parts import kicked, pull, read_characteristic, remembers
 from stochvi.engine.calls import drawn, draws, kept
 from stochvi.engine.arithmetic import uniform_of
 
@@ -538,7 +538,7 @@ def _(part, z, word, event, h):
         time -= math.log(uniform_of(word, event + 2 * count)) / part.rate
     return z
 
-@read.of(RandomKnocks)
+@read_characteristic.of(RandomKnocks)
 def _(part, numbers, row):
     return RandomKnocks(numbers[row, 0], numbers[row, 1])
 """
@@ -567,7 +567,7 @@ def test_a_drive_of_the_package_is_two_files_of_its_own(tmp_path: Path) -> None:
         Path(stochvi.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__")
     )
     (package / "scenes/excitations/knocks.py").write_text(WRITTEN)
-    (package / "engine/characteristics/knocks.py").write_text(CALLED)
+    (package / "engine/knocks.py").write_text(CALLED)
     place = os.environ | {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "kept")}
     done = subprocess.run(
         [sys.executable, "-c", ASKED], cwd=tmp_path, env=place, capture_output=True, text=True

@@ -367,7 +367,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from stochvi.engine.parts import force, is_lossy, is_smooth, rate, read
+from stochvi.engine.parts import force, is_lossy, is_smooth, rate, read_law
 
 
 class HuntCrossley(NamedTuple):
@@ -400,7 +400,7 @@ def _(law):
     return False
 
 
-@read.of(HuntCrossley)
+@read_law.of(HuntCrossley)
 def _(law, numbers, row):
     return HuntCrossley(numbers[row, 0], numbers[row, 1], numbers[row, 2])
 '''
