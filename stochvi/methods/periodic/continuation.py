@@ -319,6 +319,9 @@ class Track:
         whole = np.asarray(np.isfinite(self.factors).all(axis=(1, 2)))
         found = np.full(len(whole), np.inf)
         found[whole] = np.abs(np.linalg.eigvals(self.factors[whole])).max(axis=1)
+        if self.rests:
+            # rounding decides on which side of the end the factors were taken
+            found[[name == GRAZING for name in self.names]] = np.inf
         return found
 
     @cached_property
