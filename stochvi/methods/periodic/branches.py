@@ -899,15 +899,21 @@ class Finder:
         inserted: list[tuple[int, Matrix, str]] = []
         problem = self.problem_of(track)
         for name, test in TESTS.items():
-            values = test(track)
+            own = values = test(track)
             if name == PITCHFORK:
-                values = _without_folds(track, values)
+                values = _without_folds(track, own)
             for number in np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0):
                 if self.deadline.passed():
                     break
 
-                def value(u: Vector, test: Callable[[Track], Vector] = test) -> float:
-                    return float(test(self.inspected(track.stops, track.periods, u[None], [""]))[0])
+                # beyond a fold the branch is seen from the other side
+                side = float(np.sign(own[number] * values[number]))
+
+                def value(
+                    u: Vector, test: Callable[[Track], Vector] = test, side: float = side
+                ) -> float:
+                    here = self.inspected(track.stops, track.periods, u[None], [""])
+                    return side * float(test(here)[0])
 
                 start, end = track.points[number], track.points[number + 1]
                 around = float(values[number]), float(values[number + 1])
