@@ -69,7 +69,7 @@ from stochvi.methods.monte_carlo.white import (
 from stochvi.model.coverage import Settling, compliant, slowest_of, without_noise
 from stochvi.model.modal import LinearLaw, ModalForm, linear_law
 from stochvi.model.model import UPPER, Model, Pair, not_stationary
-from stochvi.model.scales import PairScale, Scales, scales_of
+from stochvi.model.scales import Motion, PairScale, Scales, form_of, motions_of, scales_of
 from stochvi.results.errors import NotApplicable
 from stochvi.sampling.calculations import check_flag, stop_flag
 
@@ -1039,7 +1039,7 @@ def basis(
             "simulate", [f"{each} (no stationary state was found)" for each in missing]
         )
     law, pairs = found
-    law = law._replace(slowest=_of_own_drives(model) or law.slowest)
+    law = law._replace(slowest=_of_own_drives(model) or _of_growing_damping(model, law))
     law = law._replace(slowest=max(settling(model, law.slowest), _between_drives(model)))
     pairs = tuple(
         scale._replace(speed=math.hypot(scale.speed, _speed_of_stop(model, pair)))
@@ -1085,6 +1085,36 @@ def _of_own_drives(model: Model) -> float:
         return 0.0
     rates = np.linalg.eigvals(np.linalg.solve(model.mass, damping)).real
     return max((float(1.0 / rate) for rate in rates if rate > 0.0), default=0.0)
+
+
+def _of_growing_damping(model: Model, law: LinearLaw) -> float:
+    """The longest relaxation time, s, where dampers brake a larger motion more.
+
+    A damper with the linear part c(s) at the rms speed s takes the power c s^2. A disturbance of
+    the energy decays with its slope, c + s c' / 2, and not with c, which is small in a motion that
+    excites itself.
+    """
+    motions, growing = motions_of(model, law), np.zeros_like(model.damping)
+    for part, motion in zip(model.functions, motions, strict=True):
+        less, more = (
+            form_of(part, Motion(motion.mean, each * motion.deviation, each * motion.speed)).damping
+            for each in (1.0 - SLOPE_SHARE, 1.0 + SLOPE_SHARE)
+        )
+        growing += (more - less) / (4.0 * SLOPE_SHARE) * np.outer(part.direction, part.direction)
+    quiet = replace(model.with_noise_of_drives, pairs=())
+    rates = quiet.rates and (
+        quiet.rates[0],
+        float((quiet.damping + growing)[0, 0] / quiet.mass[0, 0]),
+    )
+    steeper = replace(quiet, damping=quiet.damping + growing, rates=rates)
+    slow, fast = linear_law(quiet.modal), linear_law(steeper.modal)
+    if slow is None or fast is None or fast.slowest >= slow.slowest:
+        return law.slowest
+    return 1.0 / (1.0 / law.slowest + 1.0 / fast.slowest - 1.0 / slow.slowest)
+
+
+SLOPE_SHARE = 1e-3
+"""Share of a motion by which the slope of a damper is found."""
 
 
 def _speed_of_jumps(model: Model, pair: Pair) -> float:

@@ -313,6 +313,20 @@ def test_the_linear_part_is_its_own_linearisation() -> None:
     assert form.force == pytest.approx(0.0, abs=1e-12)
 
 
+def test_a_motion_that_excites_itself_settles_with_the_slope_of_its_damping() -> None:
+    """Beside its limit cycle the energy decays at the rate |c| / m, and not at that of its mean
+    damping, which is nearly 0; its density is that of the Fokker-Planck equation."""
+    scene = scene_of(
+        damping=0.0, excitation=[WhiteNoise(intensity=0.002)],
+        damper={"kind": "rayleigh", "linear_damping": -0.2, "cubic_damping": 0.8},
+    )  # fmt: skip
+    assert make_plan(model_of(scene)).relaxation == pytest.approx(2.0 / 0.2, rel=0.2)
+    known = fokker_planck(scene).coordinates["x"]
+    found = simulate(scene, paths=64, seed=2).coordinates["x"]
+    for quantity in ("displacement_std", "velocity_std"):
+        assert_agrees(found[quantity], known[quantity].value)
+
+
 def test_a_motion_that_nothing_holds_or_brakes_is_refused() -> None:
     with pytest.raises(NotApplicable, match="must hold and brake the structure"):
         simulate(scene_of(damping=0.0, spring=DUFFING), paths=2, duration=1.0)
