@@ -211,6 +211,11 @@ def test_a_page_that_shows_something_else_is_noticed() -> None:
     assert shown.differences(said, "impacts 607(20), 11.21 mm; cost: 3 s")
     assert shown.differences(said, "hits 907(20), 11.21 mm; cost: 3 s")
     assert shown.differences("11.21 mm", "11.41 mm")
+    bias = "30.2(1.2), 1.88(30)e-06+-6.9e-08"
+    assert shown.differences(bias, "30.2(1.2)+-0.2, 1.88(30)e-06") == []
+    assert shown.differences(bias, "30.2(1.2)+-1.3, 1.88(30)e-06")
+    assert shown.differences(bias, "30.2(1.2), 1.88(30)e-05+-6.9e-08")
+    assert shown.differences("6.251+-0.034", "6.251")
     long = "cost: 0.0979 s on 2 threads; a\ntenth of the errors: 9.8 s\nnote: hits 607(20)"
     assert shown.differences(long, "cost: 0.1 s; a tenth: 1 s\nnote: hits 611(20)") == []
     assert shown.differences(long, "cost: 0.1 s; a tenth: 1 s\nnote: impacts 607(20)")

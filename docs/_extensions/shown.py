@@ -29,8 +29,11 @@ FENCE = re.compile(
 )
 """Pattern of a fenced block, with the name of its file where a comment states one."""
 
-NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?:\((\d+(?:\.\d+)?)\))?")
-"""Pattern of a number, with its standard error in brackets where one is stated."""
+NUMBER = re.compile(
+    r"(?<![\w.])(?P<digits>[-+]?\d+(?:\.\d+)?)(?:\((?P<error>\d+(?:\.\d+)?)\))?"
+    r"(?P<power>e[-+]?\d+)?(?:\+-(?P<bias>\d+(?:\.\d+)?(?:e[-+]?\d+)?))?"
+)
+"""Pattern of a number, with its standard error in brackets and its bias where these are stated."""
 
 TIMES = re.compile(
     r"^cost: .*(?:\n(?!\w+:).+)*|, [\d.e+]+ ns a step here|: about [\d.]+ s\b|"
@@ -104,7 +107,8 @@ def differences(shown: str, now: str) -> list[str]:
 
     Numbers may differ by `Z` standard errors of a difference of two runs. A number that states no
     error gets the largest relative error of the output, as it comes from the same sample; where no
-    number states one, it gets one unit of its last digit.
+    number states one, it gets one unit of its last digit. Beside a standard error a bias may be
+    left out, as one is that is small: it may differ by one error.
 
     >>> differences("12 impacts, 607(20)", "12 impacts, 601(20)")
     []
@@ -119,13 +123,15 @@ def differences(shown: str, now: str) -> list[str]:
         place = next((k for k, pair in enumerate(zip(mine, yours)) if pair[0] != pair[1]), 0)  # noqa: B905
         return [f"got the words: {' '.join(now.split()[max(place - 4, 0) : place + 5])}"]
     pairs = list(zip(NUMBER.finditer(shown), NUMBER.finditer(now), strict=True))
-    relative = [_error(one) / abs(_value(one)) for one, _ in pairs if one[1] and _value(one)]
+    relative = [_error(one) / abs(_value(one)) for one, _ in pairs if one["error"] and _value(one)]
     typical = max(relative, default=0.0)
     found = []
     for one, other in pairs:
-        error = _error(one) if one[1] else typical * abs(_value(one))
-        allowed = max(Z * math.sqrt(2.0) * error, 1.001 * _last_digit(one[0]))
-        if abs(_value(one) - _value(other)) > allowed:
+        error = _error(one) if one["error"] else typical * abs(_value(one))
+        allowed = max(Z * math.sqrt(2.0) * error, 1.001 * _last_digit(one))
+        mine, yours = (float(each["bias"] or 0.0) for each in (one, other))
+        bias = max(_error(one), Z * math.sqrt(2.0) * typical * mine, 1.001 * _last_of_bias(one))
+        if abs(_value(one) - _value(other)) > allowed or abs(mine - yours) > bias:
             found.append(f"got {other[0]}, the page has {one[0]}")
     return found
 
@@ -136,20 +142,29 @@ def _joined(text: str) -> str:
 
 
 def _value(number: re.Match[str]) -> float:
-    return float(number[0].partition("(")[0])
+    return float(number["digits"] + (number["power"] or ""))
 
 
-def _last_digit(text: str) -> float:
-    mantissa, _, exponent = text.partition("(")[0].partition("e")
-    decimals = len(mantissa.partition(".")[2])
-    return 10.0 ** (int(exponent or 0) - decimals)
+def _last_digit(number: re.Match[str]) -> float:
+    return _unit(number["digits"] + (number["power"] or ""))
+
+
+def _last_of_bias(number: re.Match[str]) -> float:
+    return _unit(number["bias"]) if number["bias"] else 0.0
+
+
+def _unit(text: str) -> float:
+    """What one unit of the last digit of a text is."""
+    mantissa, _, exponent = text.partition("e")
+    return 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
 
 
 def _error(number: re.Match[str]) -> float:
     """The standard error that a number states in brackets, in the places of its last digits."""
-    if not number[1]:
-        return 0.0
-    return float(number[1]) * (1.0 if "." in number[1] else _last_digit(number[0]))
+    error = number["error"] or "0"
+    if "." in error:
+        return float(error + (number["power"] or ""))
+    return float(error) * _last_digit(number)
 
 
 def written(path: Path, answers: list[tuple[Shown, str]]) -> str:
