@@ -145,7 +145,7 @@ def test_programs_find_the_names_that_were_at_the_top_once(room: str, name: str)
 def test_importing_the_package_imports_nothing_heavy() -> None:
     assert loaded_by("import stochvi") == set()
     assert loaded_by("from stochvi import RigidBody, views") == set()
-    assert loaded_by("from stochvi.methods import closed_form") > set()
+    assert loaded_by("from stochvi.methods import monte_carlo") > set()
 
 
 @pytest.mark.slow
@@ -153,7 +153,7 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
     ("command", "needed"),
     [
         ("--help", set()),
-        ("exact", {"rich", "scipy.optimize"}),
+        ("exact", {"rich"}),
         ("linearise", {"rich", "scipy.optimize"}),
         ("explain", {"rich", "scipy.optimize", "numba"}),
         ("simulate", {"rich", "numba"}),
@@ -203,8 +203,9 @@ def test_every_package_that_is_imported_is_declared() -> None:
     ]
     declared = {re.split(r"[^\w-]", line)[0].lower().replace("-", "_") for line in lines}
     imported = set().union(*(third_party(file) for file in CHECKOUT.glob("stochvi/**/*.py")))
-    # a notebook brings IPython, and dask[distributed] brings distributed
-    assert {each.lower() for each in imported} - declared - {"ipython", "distributed"} == set()
+    # a notebook brings IPython, dask[distributed] distributed, and pydantic its core
+    brought = {"ipython", "distributed", "pydantic_core"}
+    assert {each.lower() for each in imported} - declared - brought == set()
 
 
 def test_a_circle_through_a_name_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

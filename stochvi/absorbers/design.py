@@ -6,13 +6,12 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
-import pandas as pd
+import scipy
 from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import maximum_filter1d
 
 from stochvi.absorbers.performance import (
     NO_STOPS,
@@ -42,6 +41,9 @@ from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.keys import KEY_UNITS, changed_scene
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Isolator, Matrices, Oscillator
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PLAYS = tuple(float(play) for play in np.geomspace(0.75, 14.0, 10))
 """Total plays of the first search, in rms displacements of the structure alone."""
@@ -208,6 +210,8 @@ def design_absorber(
     >>> 1.5 < found.best.play < 5.0 and found.best.ratio.value < 0.55
     True
     """
+    import pandas as pd
+
     structure = alone(structure)
     sigma = _check(structure, mass_budget, restitutions, units, plays, level_range_db)
     pairs = [(r, n) for r in restitutions for n in units]
@@ -435,7 +439,9 @@ def _best_box(points: Vector, sigma: float, range_db: float, seed: int) -> BestB
     curves = _smoothed(at, ratios, errors, grid, np.random.default_rng(seed))
     # the range of levels, as a number of neighbours on the grid
     width = round(reach / (grid[1] - grid[0]))
-    curves = maximum_filter1d(curves, 2 * width + 1, axis=1)[:, np.searchsorted(grid, inner)]
+    curves = scipy.ndimage.maximum_filter1d(curves, 2 * width + 1, axis=1)[
+        :, np.searchsorted(grid, inner)
+    ]
     found, drawn = curves[0], curves[1:]
     lowest = int(np.argmin(found))
     places = inner[np.argmin(drawn, axis=1)]
@@ -784,6 +790,8 @@ class ResidualCurve:
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each value."""
+        import pandas as pd
+
         return pd.DataFrame(vars(self))
 
 
@@ -822,6 +830,8 @@ class AbsorberSine(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each value of each curve, SI units."""
+        import pandas as pd
+
         return pd.concat(
             [each.to_frame() for each in (self.frequency, *self.tuning)], ignore_index=True
         )

@@ -6,11 +6,10 @@ import math
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
-import pandas as pd
-from scipy.optimize import minimize
+import scipy
 
 from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.units import shown
@@ -33,6 +32,9 @@ from stochvi.scenes.excitations import BASE, Excitation, Sine
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Matrices
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # ------------------------------------------------------------------------------
 # The damper that an absorber competes with: the same mass on a tuned spring and dashpot.
@@ -235,7 +237,7 @@ def tuned_damper(structure: Scene, carrier: str, mass: float) -> TunedDamper | N
         if abs(math.log(shaken / start[0])) > OTHER_FREQUENCY:
             starts.append((shaken, start[1]))
         searches = [
-            minimize(
+            scipy.optimize.minimize(
                 left_over, np.log(np.array(each)), method="Nelder-Mead",
                 options={"xatol": TOLERANCE, "fatol": TOLERANCE},
             )
@@ -430,6 +432,8 @@ class AbsorberReport(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """One row per level, SI units."""
+        import pandas as pd
+
         rows = []
         for each in self.performances:
             low, high = each.interval()

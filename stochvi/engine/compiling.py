@@ -83,6 +83,7 @@ from numba.core.compiler import Compiler, Flags
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 from numba.core.registry import CPUDispatcher
+from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 from numba.core.types import (  # type: ignore[attr-defined]
     BaseTuple,
@@ -320,7 +321,13 @@ except ImportError:  # Windows has no such locks: there every process compiles w
 
 USED = {
     codegen.JITCodeLibrary: ("add_linking_library", "_get_module_for_linking"),
-    CPUDispatcher: ("add_overload", "compile", "get_call_template", "get_overload"),
+    CPUDispatcher: (
+        "_compilation_chain_init_hook",
+        "add_overload",
+        "compile",
+        "get_call_template",
+        "get_overload",
+    ),
     Compiler: ("compile_extra",),
     Flags: ("copy", "values"),
     CompileResultCacheImpl: ("check_cachable", "locator", "rebuild", "reduce"),
@@ -403,6 +410,9 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
 
     def enable_caching(self) -> None:
         """Kernels are always kept."""
+
+    def _compilation_chain_init_hook(self) -> None:
+        """Look for extensions of numba when a kernel is compiled, not when it is loaded."""
 
     @contextmanager
     def _named_by(self, file: Path | None) -> Iterator[None]:
@@ -600,7 +610,6 @@ class KernelCache(NullCache):  # type: ignore[misc]
         made_of.add(self._owner)
         made_of.signature(arguments)
         target = self._owner.targetctx
-        target.refresh()
         of_machine = (
             numba.__version__, sys.implementation.cache_tag, target.codegen().magic_tuple(),
             config.OPT, config.BOUNDSCHECK, config.LOOP_VECTORIZE, config.SLP_VECTORIZE,
@@ -634,6 +643,8 @@ class KernelCache(NullCache):  # type: ignore[misc]
         try:
             if hashlib.sha256(data[32:]).digest() != data[:32]:
                 raise ValueError("the file is damaged")
+            # what numba prepares beside this for a context, only a compilation needs
+            rtsys.initialize(target_context)
             if isinstance(self._owner, LinkedKernel):
                 target_context = LinkingContext(target_context)
             found = self._means.rebuild(target_context, pickle.loads(data[32:]))

@@ -79,7 +79,7 @@ class Generic:
                 self.made_of[kind] = body
             # Machine code is linked by names, also across kernels that are loaded from the disk.
             contents = Ingredients()
-            contents.function(cast(FunctionType, body), globals=False)
+            contents.function(cast("FunctionType", body), globals=False)
             body.__qualname__ = f"{self._name}_{kinds[0].__qualname__}_{contents.digest()[:16]}"
             return body
 

@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import linalg, optimize, stats
+import scipy
 
 from stochvi.identification.measurements import (
     DropRecord,
@@ -283,7 +283,7 @@ class Errors:
         """Residuals, or their derivatives, whose errors are independent and alike."""
         if self.root is None:
             return values
-        return np.asarray(linalg.solve_triangular(self.root, values, lower=True))
+        return np.asarray(scipy.linalg.solve_triangular(self.root, values, lower=True))
 
     def inflation(self, residuals: Vector) -> float:
         """Variance of a mean of neighbours over that of independent numbers, (1 + r) / (1 - r),
@@ -367,7 +367,7 @@ class Fit:
     @cached_property
     def covariance(self) -> Matrix:
         """Covariance of the numbers in units of the test."""
-        inverse = linalg.pinvh(self.jacobian.T @ self.jacobian)
+        inverse = scipy.linalg.pinvh(self.jacobian.T @ self.jacobian)
         return np.asarray(self.variance * self.inflation * inverse)
 
     def standard_errors(self) -> Vector:
@@ -428,7 +428,7 @@ class Fit:
         variance = float(rest @ rest) / count * inflation
         t = abs(along) / math.sqrt(max(variance, 1e-300))
         degrees = max(len(rest) / inflation - len(self.numbers) - 1, 1.0)
-        return float(2.0 * stats.t.sf(t, degrees))
+        return float(2.0 * scipy.stats.t.sf(t, degrees))
 
 
 def fit(candidate: Candidate, test: Measurement, errors: Errors) -> Fit:
@@ -448,7 +448,7 @@ def fit(candidate: Candidate, test: Measurement, errors: Errors) -> Fit:
         start = guess.copy()
         start[0] = min(max(factor * start[0], low[0] + 1e-9), high[0] * (1.0 - 1e-9))
         found.append(
-            optimize.least_squares(
+            scipy.optimize.least_squares(
                 residuals,
                 start,
                 bounds=(low, high),
@@ -488,7 +488,9 @@ def errors_of(candidate: Candidate, test: Measurement) -> Errors:
     def excess(scatter: float) -> float:
         return float(left @ np.linalg.solve(known + scatter * one, left)) - count
 
-    scatter = optimize.brentq(excess, least, most) if excess(least) > 0.0 > excess(most) else least
+    scatter = (
+        scipy.optimize.brentq(excess, least, most) if excess(least) > 0.0 > excess(most) else least
+    )
     return Errors(np.asarray(np.linalg.cholesky(known + scatter * one)), test.ordered)
 
 

@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 from stochvi.engine.sub_steps import CONTACT_ANGLE
 from stochvi.isolators.jolt_response import hardest_contact
 from stochvi.isolators.screening import at_clearances
-from stochvi.isolators.sizing.answer import Target, spoken_mission, spoken_percent
+from stochvi.isolators.sizing.answer import Target
 from stochvi.isolators.sizing.risk_curve import check_laws
 from stochvi.isolators.sizing.search import ACCEPTED
 from stochvi.isolators.tolerances import changed_stops
 from stochvi.mathematics.numerics import Matrix, Vector
-from stochvi.mathematics.units import ACCELERATION, LENGTH, STIFFNESS, shown
+from stochvi.mathematics.units import ACCELERATION, LENGTH, STIFFNESS, shown, spoken_mission
 from stochvi.model.coverage import beyond_one_oscillator, free_motion
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable, check_size
-from stochvi.results.estimates import Estimate, jackknife_error, provenance
+from stochvi.results.estimates import Estimate, jackknife_error, provenance, spoken_percent
 from stochvi.sampling.calculations import AccuracyOptions, TrialSampler, calculation, given_up_after
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.impact_laws import CompliantLaw

@@ -10,12 +10,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import RegularGridInterpolator
-from scipy.optimize import brentq
 from scipy.special import logsumexp, ndtr, ndtri
-from scipy.stats import qmc, sobol_indices
-from scipy.stats import t as student
 
 from stochvi.isolators.sizing.answer import (
     Clearance,
@@ -24,8 +21,6 @@ from stochvi.isolators.sizing.answer import (
     Sizing,
     Target,
     places_in_words,
-    spoken_mission,
-    spoken_percent,
 )
 from stochvi.isolators.sizing.pairs import nominal_sizing
 from stochvi.isolators.sizing.risk_curve import CERTAIN, KNOWN, chance_of_stops
@@ -45,12 +40,12 @@ from stochvi.isolators.tolerances import (
     spreads_of,
 )
 from stochvi.mathematics.numerics import Matrix, Vector
-from stochvi.mathematics.units import LENGTH
+from stochvi.mathematics.units import LENGTH, spoken_mission
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Estimate, provenance
+from stochvi.results.estimates import Estimate, provenance, spoken_percent
 from stochvi.sampling.calculations import AccuracyOptions, calculation
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
@@ -347,7 +342,9 @@ class Units:
     mean: Vector
     stops: Matrix
     rare: float = RARE
-    surfaces: list[tuple[list[str], RegularGridInterpolator]] = field(default_factory=list)
+    surfaces: list[tuple[list[str], scipy.interpolate.RegularGridInterpolator]] = field(
+        default_factory=list
+    )
 
     @cached_property
     def columns(self) -> list[tuple[str, str]]:
@@ -469,7 +466,9 @@ class Units:
                 values.append(self._motion(list(map(Change, own, place))))
             shape = (*map(len, grids), self._stated.size)
             places = [_place(name, grid) for name, grid in zip(own, grids, strict=True)]
-            surface = RegularGridInterpolator(places, np.reshape(values, shape), method="cubic")
+            surface = scipy.interpolate.RegularGridInterpolator(
+                places, np.reshape(values, shape), method="cubic"
+            )
             self.surfaces.append((own, surface))
 
     def _grid(self, name: str) -> Vector:
@@ -600,7 +599,7 @@ def power_of(weight: Vector, risk: Vector) -> float:
 
     if excess(1.0) >= 0.0 or excess(1e-6) <= 0.0:
         return 1.0 if excess(1.0) >= 0.0 else 1e-6
-    return float(brentq(excess, 1e-6, 1.0, xtol=1e-4))
+    return float(scipy.optimize.brentq(excess, 1e-6, 1.0, xtol=1e-4))
 
 
 def fitted(
@@ -910,11 +909,11 @@ class _Job:
         columns = len(self.units.columns)
         for each in range(number):
             random = np.random.default_rng([self.run.seed, each])
-            even = qmc.Sobol(2 * columns, seed=random).random(POINTS)
+            even = scipy.stats.qmc.Sobol(2 * columns, seed=random).random(POINTS)
             pair = even[:, :columns], even[:, columns:]
             points = np.concatenate(pair)
             if self.parts:
-                more = qmc.Sobol(columns + 1, seed=random).random(2 * POINTS)
+                more = scipy.stats.qmc.Sobol(columns + 1, seed=random).random(2 * POINTS)
                 points = np.concatenate([points, drawn_from(self.parts, more)])
             weight = weights_of(self.parts, points, 2 * POINTS, len(points) - 2 * POINTS)
             amounts = self.units.drawn(points)
@@ -1000,7 +999,7 @@ class _Job:
             )  # fmt: skip
         if excess(-FARTHEST_SHIFT) < 0.0:
             return -FARTHEST_SHIFT
-        return float(brentq(excess, -FARTHEST_SHIFT, FARTHEST_SHIFT, xtol=1e-9))
+        return float(scipy.optimize.brentq(excess, -FARTHEST_SHIFT, FARTHEST_SHIFT, xtol=1e-9))
 
     @property
     def kept(self) -> float:
@@ -1122,7 +1121,7 @@ class _Job:
         quadrature = self._relative(shift)
         relative = math.hypot(quadrature, self.correction.standard_error / factor)
         bias = (self.correction.bias or 0.0) / factor
-        half = float(student.ppf(0.975, len(self.rows) - 1)) * relative + bias
+        half = float(scipy.stats.t.ppf(0.975, len(self.rows) - 1)) * relative + bias
         slope = (
             -math.log(
                 float(np.mean(self._means(shift + 0.05)))
@@ -1226,7 +1225,7 @@ class _Job:
             return np.ones(1), np.ones(1)
         plain = [self._needs(each)[None] for each in _pair(self.sequences[number])]
         outputs: Any = {"f_A": plain[0], "f_B": plain[1], "f_AB": np.array(mixed)[:, None]}
-        found = sobol_indices(func=outputs, n=POINTS)
+        found = scipy.stats.sobol_indices(func=outputs, n=POINTS)
         return np.ravel(found.first_order), np.ravel(found.total_order)
 
     def _gaps(self, amounts: Matrix) -> UnitGaps:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import ztbtrs
+import scipy
 
 from stochvi.mathematics.numerics import Matrix, Vector, Waves
 from stochvi.mathematics.spectra import Force, InputMatrix
@@ -167,7 +167,7 @@ def _moved(pole: complex, push: Waves, step: float) -> Waves:
     # but takes half a second to import
     band = np.ones((2, len(push)), complex)
     band[1] = -np.exp(pole * step)
-    return np.asarray(ztbtrs(band, driven[:, None], uplo="L")[0][:, 0])
+    return np.asarray(scipy.linalg.lapack.ztbtrs(band, driven[:, None], uplo="L")[0][:, 0])
 
 
 def _weights(turned: complex) -> tuple[complex, complex]:

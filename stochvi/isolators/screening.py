@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
-import pandas as pd
 import scipy
 from numpy.typing import ArrayLike
 
@@ -40,6 +39,9 @@ from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody
 from stochvi.scenes.validation import moved
 from stochvi.statistics.trial_splitting import has_fast_peaks, without_peaks
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # ------------------------------------------------------------------------------
 # The stops of a scene, moved to given clearances.
@@ -155,6 +157,8 @@ def environment(scene: Scene) -> Environment:
     >>> round(1e3 * environment(mount).base.displacement_std, 2)
     1.57
     """
+    import pandas as pd
+
     model = model_of(scene)
     tables, noisy = model.acceleration_tables, noise_on_base_alone(model)
     breakpoints = None
@@ -189,6 +193,8 @@ def _base_motion(tables: Sequence[Table]) -> BaseMotion:
 
 
 def _spectra(model: Model) -> pd.DataFrame:
+    import pandas as pd
+
     f = frequencies(model)
     base = input_density(model, f)
     passed = transmissibility(model, f)
@@ -445,11 +451,15 @@ class Screening(Result):
         """A table for people: a row per coordinate and point (millimetres and g unless other units
         are shown; thousandths of a radian, and rad/s^2, of a rotation), or the numbers of the only
         one in rows."""
+        import pandas as pd
+
         if len(self.coordinates) == 1:
             return self._only_in_rows()
         return pd.DataFrame([self._row(name, each) for name, each in self.coordinates.items()])
 
     def _only_in_rows(self) -> pd.DataFrame:
+        import pandas as pd
+
         sigma = self.displacement_std
         rate = HOURLY(self.rice_rate(3.0 * sigma))
         rows = [
@@ -492,6 +502,8 @@ class Screening(Result):
     def gaps_to_frame(self) -> pd.DataFrame:
         """A row per pair: millimetres, and impacts per hour by Rice, unless other units are
         shown."""
+        import pandas as pd
+
         return pd.DataFrame(
             [
                 {
@@ -796,6 +808,8 @@ def clearance_curve(
     >>> table["clearance"].tolist()
     [0.002, 0.003]
     """
+    import pandas as pd
+
     if not scene.impact_pairs:
         raise NotApplicable("clearance_curve", ["the scene needs an impact_pair, for its law"])
     places = np.asarray(clearances, dtype=float)
@@ -896,6 +910,8 @@ def predicted_rates(
     Where the closure finds no solution, or is not begun by the deadline, its rate is left out
     (NaN).
     """
+    import pandas as pd
+
     linear = screened(scene)
     return pd.DataFrame(
         [
@@ -917,6 +933,8 @@ def predicted_curve(scene: Scene, curve: pd.DataFrame) -> pd.DataFrame:
     square of the clearance, a straight line for a Gaussian motion. Solving it anew at each place
     would take seconds after the budget of the curve is spent.
     """
+    import pandas as pd
+
     linear, pairs = screened(scene), curve.get("pair")
     parts = {name: curve if pairs is None else curve[pairs == name] for name in linear.impact_pairs}
     places = {

@@ -17,7 +17,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq, minimize
+import scipy
 
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import power_ratio
@@ -332,14 +332,12 @@ class Spread:
 
     def distribution(self, quantity: str) -> Any:
         """The distribution of the amount of a quantity, as scipy has it."""
-        from scipy.stats import norm, truncnorm, uniform
-
         if self.half_width is not None:
-            return uniform(self.mean - self.half_width, 2.0 * self.half_width)
+            return scipy.stats.uniform(self.mean - self.half_width, 2.0 * self.half_width)
         assert self.std is not None
         if quantity_of(quantity) not in RELATIVE:
-            return norm(self.mean, self.std)
-        return truncnorm(self._least(quantity), math.inf, self.mean, self.std)
+            return scipy.stats.norm(self.mean, self.std)
+        return scipy.stats.truncnorm(self._least(quantity), math.inf, self.mean, self.std)
 
     def _least(self, quantity: str) -> float:
         """Where the distribution of a relative amount is truncated, in standard deviations."""
@@ -617,7 +615,7 @@ class SameRisk:
             return enough
         while more_than_before(enough) > 0.0:
             enough *= 1.1
-        return float(brentq(more_than_before, 0.0, enough, rtol=1e-12))
+        return float(scipy.optimize.brentq(more_than_before, 0.0, enough, rtol=1e-12))
 
     def _alone(self, changed: Gaps) -> Vector:
         """(pairs,): clearances of pairs that have each their own."""
@@ -765,7 +763,7 @@ def _climb(
         return -float(value(place.tolist())[k]) / scale
 
     bounds = [(-1.0, 1.0)] * len(start)
-    found = minimize(
+    found = scipy.optimize.minimize(
         fallen, np.array(start), method="L-BFGS-B", bounds=bounds, options={"eps": STEP}
     )
     return tuple(map(float, found.x))

@@ -9,8 +9,8 @@ from functools import cache, cached_property
 from typing import NamedTuple, overload
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import eigh_tridiagonal
 from scipy.special import betaincinv, gammaln, ndtr, ndtri, psi
 
 from stochvi.mathematics.numerics import Matrix, Vector, gauss_legendre, gauss_panels, root_between
@@ -102,7 +102,7 @@ def _rule(law: BetaDistribution, count: int) -> tuple[Vector, Vector]:
     square = 4.0 * n * (n + p) * (n + q) / (size**2 * (size + 1.0))
     # (n + p + q) / (size - 1) is 1 for n = 1, where p + q may be -1
     square[1:] *= (n[1:] + p + q) / (size[1:] - 1.0)
-    nodes, vectors = eigh_tridiagonal(diagonal, np.sqrt(square))
+    nodes, vectors = scipy.linalg.eigh_tridiagonal(diagonal, np.sqrt(square))
     return np.clip((1.0 + nodes) / 2.0, 0.0, 1.0), vectors[0] ** 2
 
 

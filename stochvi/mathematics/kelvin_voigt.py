@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import scipy
+
 from stochvi.mathematics.units import checked
 
 __all__ = ["identify_viscoelastic"]
@@ -71,15 +73,15 @@ def damping_ratio_of(restitution: float) -> float:
     >>> round(damping_ratio_of(0.571740027585), 9), damping_ratio_of(1.0)
     (0.2, 0.0)
     """
-    from scipy.optimize import brentq
-
     if not 0.0 < restitution <= 1.0:
         raise ValueError(f"must be in (0, 1], got {restitution:g}")
     if restitution == 1.0:
         return 0.0
     loss = -math.log(restitution)
     highest = 1.0 + math.exp(loss / 2.0)  # 2 z arccos z / sqrt(1 - z^2) > 2 ln z for z > 1
-    return float(brentq(lambda z: 2.0 * z * half_contact(z) - loss, 0.0, highest, xtol=1e-14))
+    return float(
+        scipy.optimize.brentq(lambda z: 2.0 * z * half_contact(z) - loss, 0.0, highest, xtol=1e-14)
+    )
 
 
 @checked

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 
@@ -142,8 +143,6 @@ def beam_modes(
     >>> [round(mode.parameter, 9) for mode in found]
     [1.875104069, 4.694091133]
     """
-    from scipy.optimize import brentq
-
     first, last = (HELD[end] for end in SUPPORTS[support])
     found = list(_rigid_motions(rotary)) if support == "free" else []
 
@@ -163,7 +162,7 @@ def beam_modes(
         there = here + WAVE_STEP
         new = determinant(there)
         if new * value < 0.0:
-            wave = brentq(determinant, here, there, xtol=1e-15 * there, rtol=8.9e-16)
+            wave = scipy.optimize.brentq(determinant, here, there, xtol=1e-15 * there, rtol=8.9e-16)
             waves = waves_at(float(wave), rotary, shear)
             parts = np.linalg.svd(conditions(waves))[2][-1]
             found.append(_shape(waves, parts, support, tip_mass))
@@ -188,8 +187,6 @@ def _shape(waves: Waves, parts: Vector, support: str, tip_mass: float) -> Shape:
 
 def _largest(waves: Waves, parts: Vector, support: str) -> float:
     """Largest deflection of a mode; that of the tip of a cantilever."""
-    from scipy.optimize import minimize_scalar
-
     if support == "cantilever":
         return float(parts @ waves.rows(1.0)[0])
     grid = np.linspace(0.0, 1.0, 201 + int(40.0 * waves.wave))
@@ -198,7 +195,7 @@ def _largest(waves: Waves, parts: Vector, support: str) -> float:
     if top in (0, len(grid) - 1):
         return float(deflection[top])
     sign = math.copysign(1.0, deflection[top])
-    found = minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         lambda x: -sign * float(parts @ waves.rows(x)[0]), method="bounded",
         bounds=(grid[top - 1], grid[top + 1]), options={"xatol": 1e-9},
     )  # fmt: skip
@@ -274,8 +271,6 @@ def bar_modes(
     >>> [round(mode.parameter, 5) for mode in found]
     [2.28893, 5.08699]
     """
-    from scipy.optimize import brentq
-
     found: list[Shape] = []
     if support == "free":
         found.append(_rigid_motions(0.0)[0])
@@ -287,8 +282,8 @@ def bar_modes(
     while not enough(found):
         number += 1
         if support == "cantilever":
-            z = float(brentq(balance, (number - 1) * math.pi + 1e-9, number * math.pi, xtol=1e-15,
-                             rtol=8.9e-16))  # fmt: skip
+            low, high = (number - 1) * math.pi + 1e-9, number * math.pi
+            z = float(scipy.optimize.brentq(balance, low, high, xtol=1e-15, rtol=8.9e-16))
             largest = math.sin(z) if abs(math.sin(z)) > 1e-9 else 1.0
             square = 0.5 - math.sin(2.0 * z) / (4.0 * z) + tip_mass * math.sin(z) ** 2
             mean = (1.0 - math.cos(z)) / z + tip_mass * math.sin(z)

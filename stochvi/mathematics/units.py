@@ -875,3 +875,15 @@ def readable(si_unit: str) -> ShownQuantity:
     ('mm', '1/s')
     """
     return {"m": LENGTH, "m/s^2": ACCELERATION}.get(si_unit) or shown_as(si_unit)
+
+
+def spoken_mission(seconds: float) -> str:
+    """A mission in the unit that reads best.
+
+    >>> spoken_mission(3600.0), spoken_mission(18.0), spoken_mission(5400.0), spoken_mission(7.2e5)
+    ('1 h', '18 s', '1.5 h', '200 h')
+    """
+    for unit, name in ((3600.0, "h"), (60.0, "min")):
+        if seconds >= unit:
+            return f"{seconds / unit:.4g} {name}"
+    return f"{seconds:.4g} s"

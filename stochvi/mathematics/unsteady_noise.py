@@ -20,9 +20,9 @@ from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.fft import irfft, rfft
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 from scipy.special import ndtr, ndtri
 
 from stochvi.mathematics.impact_rates import rice_rate
@@ -313,9 +313,7 @@ class Shocks:
     @cached_property
     def most(self) -> int:
         """Largest number of shocks in the window that is looked at."""
-        from scipy.stats import poisson
-
-        return max(1, int(poisson.isf(LEFT_OUT, self.expected)))
+        return max(1, int(scipy.stats.poisson.isf(LEFT_OUT, self.expected)))
 
     @property
     def number(self) -> int:
@@ -325,9 +323,7 @@ class Shocks:
     @property
     def left_out(self) -> float:
         """Probability of more shocks in the window."""
-        from scipy.stats import poisson
-
-        return float(poisson.sf(self.most, self.expected))
+        return float(scipy.stats.poisson.sf(self.most, self.expected))
 
     @property
     def missed_rate(self) -> float:
@@ -350,12 +346,12 @@ class Shocks:
         return self._net(2)
 
     def _net(self, fewer: int) -> tuple[Matrix, Vector]:
-        from scipy.stats import poisson, qmc
-
         states, weights = [np.zeros((1, self.number))], [np.array([math.exp(-self.expected)])]
         for count in range(1, self.most + 1):
             points = (ONE_SHOCK if count == 1 else SEVERAL_SHOCKS) // fewer
-            net = qmc.Sobol(3 * count, scramble=False).random_base2(round(math.log2(points)))
+            net = scipy.stats.qmc.Sobol(3 * count, scramble=False).random_base2(
+                round(math.log2(points))
+            )
             shares = np.asarray(net + 0.5 / points).reshape(points, count, 3)
             found = np.zeros((points, self.most, 2))
             found[:, :count, 0], rarity = self._ages(shares[..., 0])
@@ -363,7 +359,9 @@ class Shocks:
             if self.two_sided:
                 found[:, :count, 1] *= np.where(shares[..., 2] < 0.5, -1.0, 1.0)
             states.append(found.reshape(points, self.number))
-            weights.append(poisson.pmf(count, self.expected) / points * rarity.prod(axis=1))
+            weights.append(
+                scipy.stats.poisson.pmf(count, self.expected) / points * rarity.prod(axis=1)
+            )
         return np.concatenate(states), np.concatenate(weights)
 
     def _ages(self, shares: Vector) -> tuple[Vector, Vector]:
@@ -504,9 +502,7 @@ def even_phases(sines: int, count: int = PHASES) -> Matrix:
     """(count, sines): phases that fill the torus evenly, the first sine's rising."""
     if not sines:
         return np.zeros((1, 0))
-    from scipy.stats import qmc
-
-    net = qmc.Sobol(sines, scramble=False).random_base2(round(math.log2(count)))
+    net = scipy.stats.qmc.Sobol(sines, scramble=False).random_base2(round(math.log2(count)))
     return np.asarray(2.0 * math.pi * net[np.argsort(net[:, 0], kind="stable")])
 
 
@@ -618,7 +614,11 @@ class MovingMean:
         highest = self.reach + self.place
         while self.rate(highest) > rate:
             highest += self.place
-        return float(brentq(lambda c: math.log(max(self.rate(c), 1e-320) / rate), 0.0, highest))
+        return float(
+            scipy.optimize.brentq(
+                lambda c: math.log(max(self.rate(c), 1e-320) / rate), 0.0, highest
+            )
+        )
 
     def beyond(self, distance: float) -> float:
         """Probability that the displacement is beyond a level."""
@@ -710,11 +710,12 @@ class Hermite(NamedTuple):
     @classmethod
     def of(cls, kurtosis: float) -> Hermite:
         """The cubic for a kurtosis of 3 to 20 or so."""
-        from scipy.optimize import brentq  # which takes long to import
 
         if kurtosis <= 3.0:
             return cls(0.0)
-        return cls(float(brentq(lambda h: cls(h).kurtosis - kurtosis, 0.0, MOST_CUBIC)))
+        return cls(
+            float(scipy.optimize.brentq(lambda h: cls(h).kurtosis - kurtosis, 0.0, MOST_CUBIC))
+        )
 
     @property
     def kurtosis(self) -> float:
@@ -729,9 +730,8 @@ class Hermite(NamedTuple):
 
     def inverse(self, x: float) -> float:
         """g for x >= 0."""
-        from scipy.optimize import brentq
 
-        return float(brentq(lambda g: self(g) - x, 0.0, 3.0 + 2.0 * x))
+        return float(scipy.optimize.brentq(lambda g: self(g) - x, 0.0, 3.0 + 2.0 * x))
 
 
 class UnreachableKurtosis(ValueError):
@@ -806,9 +806,9 @@ class PeakedRecords:
     @cached_property
     def samples(self) -> int:
         """Number of samples at which the cubic is taken."""
-        from scipy.fft import next_fast_len  # which takes long to import
-
-        return 2 * int(next_fast_len(math.ceil(SAMPLES_PER_PERIOD * self.count / 2.0) + 1))
+        return 2 * int(
+            scipy.fft.next_fast_len(math.ceil(SAMPLES_PER_PERIOD * self.count / 2.0) + 1)
+        )
 
     @cached_property
     def variances(self) -> Vector:
@@ -889,7 +889,6 @@ class _Pilot:
 @lru_cache(maxsize=64)
 def _cubic(frequency: bytes, density: bytes, kurtosis: float) -> float:
     """The weight h that gives noise of a density the kurtosis."""
-    from scipy.optimize import brentq
 
     table = Table(frequency_hz=np.frombuffer(frequency), density=np.frombuffer(density))
     pilot = _Pilot(table)
@@ -900,4 +899,8 @@ def _cubic(frequency: bytes, density: bytes, kurtosis: float) -> float:
             "give a wider band, or level_time for noise of varying level"
         )
     tolerance = ENOUGH * Hermite.of(kurtosis).h
-    return float(brentq(lambda h: pilot.kurtosis(h) - kurtosis, 0.0, MOST_CUBIC, xtol=tolerance))
+    return float(
+        scipy.optimize.brentq(
+            lambda h: pilot.kurtosis(h) - kurtosis, 0.0, MOST_CUBIC, xtol=tolerance
+        )
+    )

@@ -11,10 +11,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import null_space
-from scipy.optimize import brentq
-from scipy.sparse.csgraph import connected_components
 from scipy.special import zeta
 
 from stochvi.mathematics.impact_rates import CUT, ContactStatistics, StopStatistics, gaussian_stop
@@ -324,7 +322,7 @@ class CoupledLaw:
         last = slope(end)
         if first * last >= 0.0:
             return end if abs(last) < abs(first) else here
-        return float(brentq(slope, here, end, xtol=1e-300, rtol=1e-15))
+        return float(scipy.optimize.brentq(slope, here, end, xtol=1e-300, rtol=1e-15))
 
     def _ends(self, place: int) -> tuple[float, float]:
         """A range that leaves e^-CUT: the energy above its minimum is at least d' A d / 2."""
@@ -713,7 +711,7 @@ def solve(model: Model) -> Solution:
     split = _split(model, theta)
     size = np.sqrt(np.diag(split.stiffness))
     coupled = np.abs(split.stiffness) > CANCELLATION * np.outer(size, size)
-    _, labels = connected_components(coupled, directed=False)
+    _, labels = scipy.sparse.csgraph.connected_components(coupled, directed=False)
     count = len(model.pairs)
     mean, covariance = np.zeros(count), np.zeros((count, count))
     pairs: list[PairLaw | None] = [None] * count
@@ -739,7 +737,7 @@ def solve(model: Model) -> Solution:
 def _split(model: Model, theta: float) -> Split:
     """q = along y + across z with D along = 1, D across = 0; z is Gaussian given y."""
     directions = np.array([pair.direction for pair in model.pairs])
-    along, across = np.linalg.pinv(directions), null_space(directions)
+    along, across = np.linalg.pinv(directions), scipy.linalg.null_space(directions)
     stiffness, load = model.stiffness, model.constant_force
     held = across.T @ stiffness @ across
     if held.size and not _positive(held):

@@ -150,7 +150,7 @@ class LinearStructure(Protocol):
 
 def modal_form(model: LinearStructure) -> ModalForm:
     """A model in modal coordinates, with its signals as states."""
-    squares, shapes = scipy.linalg.eigh(model.stiffness, model.mass)
+    squares, shapes = _modes(model.stiffness, model.mass)
     squares = np.where(squares > RIGID_BODY * max(float(squares[-1]), 0.0), squares, 0.0)
     load = shapes.T @ model.constant_force
     free = squares == 0.0
@@ -183,6 +183,16 @@ def modal_form(model: LinearStructure) -> ModalForm:
         sines=tuple(sines),
         tables=tuple((table, shapes.T @ direction) for table, direction in model.tables),
     )
+
+
+def _modes(stiffness: Matrix, mass: Matrix) -> tuple[Vector, Matrix]:
+    """Squares of the natural frequencies and shapes of unit modal mass; one mass needs no solver of
+    eigenvalues, which takes longer to import than all else of its model."""
+    if len(mass) == 1:
+        root = np.sqrt(mass)
+        return stiffness[0] / root[0] ** 2, 1.0 / root
+    squares, shapes = scipy.linalg.eigh(stiffness, mass)
+    return squares, shapes
 
 
 def _modal_white(white: Matrix, shapes: Matrix) -> Matrix:

@@ -478,7 +478,7 @@ class Quantities(Mapping[str, Quantity]):
     def __getitem__(self, name: str) -> Quantity:
         if name not in self._names():
             raise KeyError(f"{name}; known: {', '.join(self._names())}")
-        return cast(Quantity, getattr(self, name))
+        return cast("Quantity", getattr(self, name))
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names())

@@ -705,3 +705,27 @@ def provenance(scene: Mapping[str, Any], seed: int | None = None) -> dict[str, A
         "seed": seed,
         "scene": scene,
     }
+
+
+def spoken_percent(probability: float) -> str:
+    """A probability in per cent, never rounded to 0 or 100.
+
+    >>> spoken_percent(0.01), spoken_percent(2.5e-6), spoken_percent(0.99999999)
+    ('1 %', '0.00025 %', 'over 99.9 %')
+    """
+    if probability > NEAR_ONE:
+        return over_percent(probability)
+    return f"{100.0 * probability:.3g} %" if probability > 1e-6 else f"{100.0 * probability:.1e} %"
+
+
+NEAR_ONE = 0.999
+"""Probability above which the number that it exceeds is shown: its own digits would all be 9."""
+
+
+def over_percent(probability: float) -> str:
+    """A probability near 1 by the tenths of a per cent that it exceeds, 99.9 at most.
+
+    >>> over_percent(0.99999999), over_percent(0.99819)
+    ('over 99.9 %', 'over 99.8 %')
+    """
+    return f"over {min(math.floor(1000.0 * probability), 999) / 10.0:g} %"

@@ -6,8 +6,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from functools import cached_property, reduce
-from operator import or_
+from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -23,6 +22,7 @@ from stochvi.scenes.validation import (
     NonNegative,
     Number,
     Numbers,
+    OneOf,
     Positive,
     _name_of,
     arguments_fault,
@@ -1111,7 +1111,7 @@ if TYPE_CHECKING:
 else:
 
     def _any_of(base: type[Characteristic]) -> Any:
-        one = Annotated[reduce(or_, _kinds(base)), Field(discriminator="kind")]
+        one = Annotated[base, OneOf(_kinds(base))]
         return Annotated[tuple[one, ...], BeforeValidator(_listed), Field(min_length=1)]
 
     Spring = _any_of(SpringForce)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from stochvi.mathematics import numerics
@@ -261,11 +262,9 @@ class Record:
         >>> round(float(found.table.density.mean()), 3)  # 2 / fs
         0.02
         """
-        from scipy.fft import next_fast_len
-
         longest = max(map(len, self.segments))
         wanted = math.ceil((1.0 - RATES_EQUAL) * self.fs / resolution_hz)
-        length = next_fast_len(min(wanted, longest), True)
+        length = scipy.fft.next_fast_len(min(wanted, longest), True)
         return _welch(self, min(length, longest))
 
 
@@ -521,8 +520,6 @@ def _on_even_grid(
     times: Vector, values: Vector, lengths: tuple[int, ...], rate: float
 ) -> tuple[Vector, tuple[int, ...]]:
     """Values of an uneven clock at even times, segment by segment, and the new lengths."""
-    from scipy.interpolate import CubicSpline  # a quarter of a second to import
-
     parts = []
     cuts = np.cumsum(lengths)[:-1]
     for when, held in zip(np.split(times, cuts), np.split(values, cuts), strict=True):
@@ -531,7 +528,7 @@ def _on_even_grid(
             continue
         since = when - when[0]
         grid = np.arange(numerics.floor(since[-1] * rate) + 1) / rate
-        parts.append(CubicSpline(since, held)(np.minimum(grid, since[-1])))
+        parts.append(scipy.interpolate.CubicSpline(since, held)(np.minimum(grid, since[-1])))
     return np.concatenate(parts), tuple(map(len, parts))
 
 

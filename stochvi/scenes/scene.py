@@ -6,11 +6,11 @@ import math
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Self, assert_never
+from typing import Annotated, Any, Self, assert_never, get_args
 
 import numpy as np
+import scipy
 from pydantic import Field, ValidationInfo, field_validator, model_validator
-from scipy.linalg import null_space
 
 from stochvi.mathematics.numerics import Array, Matrix
 from stochvi.mathematics.spectra import Table
@@ -55,6 +55,7 @@ from stochvi.scenes.text_tables import read_text
 from stochvi.scenes.validation import (
     PYTHON_ONLY,
     Checked,
+    OneOf,
     VariedNumber,
     VariedPositive,
     Weights,
@@ -97,7 +98,7 @@ def drifts(felt: Matrix, rows: Matrix) -> tuple[list[int], Matrix]:
     ([1], [[1.0], [1.0]])
     """
     size = np.linalg.norm(felt, axis=0).max(initial=0.0) or 1.0
-    free = null_space(np.vstack([felt / size, rows]), rcond=FORCE_TOLERANCE).T
+    free = scipy.linalg.null_space(np.vstack([felt / size, rows]), rcond=FORCE_TOLERANCE).T
     # a coordinate that other masses strike is preferred as a reference
     struck = np.sum(rows < 0.0, axis=0)
     references: list[int] = []
@@ -332,7 +333,7 @@ class Scene(Checked):
     """
 
     title: str = ""
-    structure: Annotated[Structure, Field(discriminator="kind")]
+    structure: Annotated[Structure, OneOf(get_args(Structure))]
     impact_pairs: tuple[ImpactPair, ...] = Field(default=(), alias="impact_pair")
     excitations: Excitations = Field(alias="excitation")
     cross_densities: tuple[CrossDensity, ...] = Field(default=(), alias="cross_density")

@@ -6,7 +6,7 @@ import contextlib
 import difflib
 import inspect
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
 
 import numpy as np
@@ -22,8 +22,11 @@ from pydantic import (
     PlainSerializer,
     Tag,
     ValidationError,
+    ValidationInfo,
     model_validator,
 )
+from pydantic_core import CoreSchema, PydanticKnownError
+from pydantic_core.core_schema import tagged_union_schema, with_info_plain_validator_function
 
 from stochvi.mathematics.numerics import Vector, gauss_legendre
 from stochvi.mathematics.units import Unit, measured, plain_number, unit
@@ -168,7 +171,11 @@ class Checked(BaseModel):
     """Base of every part of a scene: immutable, unknown keys refused, no silent conversion."""
 
     model_config = ConfigDict(
-        frozen=True, extra="forbid", populate_by_name=True, hide_input_in_errors=True
+        frozen=True,
+        extra="forbid",
+        populate_by_name=True,
+        hide_input_in_errors=True,
+        defer_build=True,
     )
 
     own: ClassVar[str] = "give its keys"
@@ -247,11 +254,54 @@ class Checked(BaseModel):
         return type(self)(**(kept | changes))
 
 
+class OneOf:
+    """One of several parts, which its key `kind` tells: only the part that is named is built.
+
+    Pydantic's own union builds all of them, which takes longer than a short simulation.
+
+    Parameters
+    ----------
+    kinds : classes with a default of their key `kind`.
+    usual : the kind of a part that does not say it; None where it has to.
+    """
+
+    def __init__(self, kinds: Iterable[type[Checked]], usual: str | None = None) -> None:
+        self.kinds = {each.model_fields["kind"].default: each for each in kinds}
+        self._usual = usual
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        return with_info_plain_validator_function(self._validated)
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        for each in self.kinds.values():
+            each.model_rebuild()
+        built = {kind: each.__pydantic_core_schema__ for kind, each in self.kinds.items()}
+        found: dict[str, Any] = handler(tagged_union_schema(built, "kind"))
+        return found
+
+    def _validated(self, value: Any, info: ValidationInfo) -> Checked:
+        kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
+        kind = self._usual if kind is None else kind
+        if kind is None and type(value) is not dict and type(value).__module__ == "builtins":
+            raise PydanticKnownError("model_attributes_type")
+        if kind is None:
+            raise PydanticKnownError("union_tag_not_found", {"discriminator": "'kind'"})
+        if not isinstance(kind, str) or kind not in self.kinds:
+            expected = ", ".join(map(repr, self.kinds))
+            raise PydanticKnownError(
+                "union_tag_invalid",
+                {"discriminator": "'kind'", "tag": str(kind), "expected_tags": expected},
+            )
+        named = self.kinds[kind].__pydantic_validator__
+        found: Checked = named.validate_python(value, context=info.context)
+        return found
+
+
 def _problems(error: ValidationError, model: type[BaseModel]) -> list[tuple[str, str]]:
     """The (key, sentence) pairs of a validation error, including those of inner errors."""
     problems: list[tuple[str, str]] = []
     for detail in error.errors(include_url=False):
-        path = _without_kind(detail["loc"])
+        path = _path(detail["loc"])
         cause = detail.get("ctx", {}).get("error")
         if isinstance(cause, SceneError):
             problems += [(_key([*path, key]), text) for key, text in cause.problems]
@@ -265,26 +315,14 @@ def _problems(error: ValidationError, model: type[BaseModel]) -> list[tuple[str,
 PYTHON_ONLY = ("nonlinear", "function")
 """Kinds of parts that hold functions, which a scene file cannot express."""
 
-KINDS_AFTER = {
-    "structure": 1, "excitation": 2, "excitations": 2, "law": 1, "lower_law": 1, "upper_law": 1
-}  # fmt: skip
-"""Keys that hold parts of several kinds -> place of the kind in the path of an error."""
 
-
-def _without_kind(path: Sequence[Any]) -> list[Any]:
-    """Pydantic puts the kind of a part into its path: ("structure", "oscillator", "mass")."""
-    found = list(path)
-    for number, key in enumerate(path):
-        if key in KINDS_AFTER:
-            place = number + KINDS_AFTER[key]
-            found = [*path[:place], *path[place + 1 :]]
-            break
-    for key in ("spring", "damper"):  # lists, of which one part needs no number
-        if key in found[:-1]:
-            place = found.index(key) + 1
-            index = [found[place]] if found[place] else []
-            found = [*found[:place], *index, *found[place + 2 :]]
-    return found
+def _path(location: Sequence[Any]) -> list[Any]:
+    """The keys of a location; of lists of which one part needs no number, the first has none."""
+    return [
+        key
+        for before, key in zip([None, *location], location, strict=False)
+        if not (key == 0 and before in ("spring", "damper"))
+    ]
 
 
 UNNAMED = ("", "{}", "[]")

@@ -10,10 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from stochvi.mathematics.numerics import Matrix, Vector
@@ -29,6 +28,9 @@ from stochvi.results.estimates import GAUSSIAN_95, Estimate
 from stochvi.sampling.calculations import ListSampler, RunOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene, scene_from
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # ------------------------------------------------------------------------------
 # Histograms of samples, normalised to a probability density.
@@ -169,6 +171,8 @@ def overview(scene: Scene, settings: OverviewSettings = DEFAULTS) -> Overview:
     >>> round(found.std_without_stops, 6), round(found.exact_velocity_std, 6)
     (1.0, 1.0)
     """
+    import pandas as pd
+
     model = model_of(scene)
     period = 2.0 * math.pi / model.omega
     path = record_path(scene, duration=settings.density_periods * period, seed=1)

@@ -9,8 +9,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
@@ -319,7 +319,7 @@ def _exponent(numbers: Vector, sums: Vector, length: float) -> tuple[float, floa
             return length * (0.5 + t / 12.0)
         return length * (1.0 / -math.expm1(-t) - 1.0 / t)
 
-    slope = float(brentq(lambda s: centre(s) - mean, -STEEPEST, STEEPEST))
+    slope = float(scipy.optimize.brentq(lambda s: centre(s) - mean, -STEEPEST, STEEPEST))
     step = 1e-4
     derivative = (centre(slope + step) - centre(slope - step)) / (2.0 * step)
     return slope - 1.0, error / derivative

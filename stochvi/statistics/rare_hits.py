@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, Unpack
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from stochvi.engine.arithmetic import COLUMNS, Log
@@ -611,7 +611,7 @@ def _speed_to_reach(model: Model, pair: Pair, rows: Vector, acceleration: float)
 
         low, high = math.log(1e-9), math.log(1e6)
         reached = missing(low) < 0.0 < missing(high)
-        found.append(math.exp(brentq(missing, low, high)) if reached else 1e6)
+        found.append(math.exp(scipy.optimize.brentq(missing, low, high)) if reached else 1e6)
     return min(found)
 
 

@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import prev_fast_len, rfft
 
 from stochvi.mathematics import numerics
 from stochvi.mathematics.numerics import Matrix, Vector
@@ -75,9 +75,7 @@ class Layout:
             turn = 2.0 * np.pi * np.arange(self.size)[None] / self.size
             tapers = 0.5 - 0.5 * np.cos(turn)
         else:
-            from scipy.signal.windows import dpss  # half a second to import
-
-            tapers = dpss(self.size, TIME_HALF_BANDWIDTH, TAPERS, sym=False)
+            tapers = scipy.signal.windows.dpss(self.size, TIME_HALF_BANDWIDTH, TAPERS, sym=False)
         return np.asarray(tapers / np.sqrt(np.sum(tapers**2, axis=1, keepdims=True)))
 
     @cached_property
@@ -109,7 +107,7 @@ def layout_of(plan: HistoryPlan, method: str, length: float, top: float) -> Layo
     samples, starts = plan.samples, (0,)
     size = samples
     if method == "welch":
-        size = min(samples, prev_fast_len(round(length / plan.step)))
+        size = min(samples, scipy.fft.prev_fast_len(round(length / plan.step)))
         hop = max(1, round(size * (1.0 - OVERLAP)))
         starts = (*range(0, samples - size + 1, hop),)
     beside = 2 * KERNEL_BINS[method]
@@ -133,7 +131,7 @@ def products(records: NDArray[np.float64], layout: Layout) -> NDArray[np.float64
         piece = records[:, :, start : start + size]
         piece = piece - piece.mean(axis=-1, keepdims=True)
         for taper in layout.tapers:
-            z = rfft(piece * taper, axis=-1)[:, :, layout.bins]
+            z = scipy.fft.rfft(piece * taper, axis=-1)[:, :, layout.bins]
             for i in range(channels):
                 found[:, i] += np.abs(z[i]) ** 2
             for k, (i, j) in enumerate(pairs):

@@ -24,9 +24,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import irfft
-from scipy.interpolate import PchipInterpolator
 
 from stochvi.mathematics.numerics import Matrix, Vector, Waves
 from stochvi.mathematics.spectra import bin_variances
@@ -670,7 +669,7 @@ class FreeWindows(Kind):
                 drawn = records.bins_of(normals)[1:]
             kept = min(len(drawn), len(gains))
             total[1 : kept + 1] += gains[:kept, :, None] * drawn[:kept, None, :]
-        return np.asarray(irfft(total, response.samples, axis=0))
+        return np.asarray(scipy.fft.irfft(total, response.samples, axis=0))
 
     def _closeness(self, gaps: NDArray[np.float64]) -> Vector:
         """The farthest place at which a stop is reached, with peaks between samples by
@@ -806,8 +805,8 @@ class HazardCurve:
     reached: float
 
     @cached_property
-    def _curve(self) -> PchipInterpolator:
-        return PchipInterpolator(self.places, self.logs)
+    def _curve(self) -> scipy.interpolate.PchipInterpolator:
+        return scipy.interpolate.PchipInterpolator(self.places, self.logs)
 
     def hazard(self, place: float) -> tuple[float, float]:
         """-ln(1 - P) at a place, and half its 95 % interval. Beyond the places that are known its

@@ -7,7 +7,6 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from stochvi.absorbers.design import tuned_key
 from stochvi.mathematics.numerics import Vector
@@ -16,6 +15,7 @@ from stochvi.views.axes import COLOURS, add_grid, axes_or_new, length_unit, plai
 from stochvi.views.tables import Heading, print_frame, spoken_length, with_error, with_headings
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
     from rich.console import Console
 
@@ -34,6 +34,8 @@ RATIO_LABEL = "rms displacement with / without absorber"
 
 def print_absorber(console: Console, found: AbsorberReport) -> None:
     """Print the verdict, a row for each level, and an explanation of the columns."""
+    import pandas as pd
+
     console.print(verdict(found), style="bold", highlight=False)
     rows = [_level_row(each) for each in found.performances]
     print_frame(console, pd.DataFrame(rows), f"motion of {found.carrier!r}, by level")
@@ -309,6 +311,8 @@ def print_absorber_sine(console: Console, found: AbsorberSine) -> None:
 
 def ranges(curve: ResidualCurve) -> pd.DataFrame:
     """Ranges of values over which the same motions may last, with the ratios in each."""
+    import pandas as pd
+
     kinds = [_lasting(curve, number) for number in range(len(curve.value))]
     starts = [0, *(n for n in range(1, len(kinds)) if kinds[n] != kinds[n - 1]), len(kinds)]
     rows = []
@@ -329,6 +333,8 @@ def ranges(curve: ResidualCurve) -> pd.DataFrame:
 
 def tunings(found: AbsorberSine) -> pd.DataFrame:
     """A row for each number that is tuned: its best value and the ratio there."""
+    import pandas as pd
+
     rows = []
     for curve in found.tuning:
         at = curve.tuned

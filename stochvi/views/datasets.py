@@ -10,10 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import matplotlib.pyplot as plt
 import numpy as np
-import pandas as pd
-from matplotlib.axes import Axes
 
 from stochvi.mathematics.units import ShownQuantity, readable, shown_as
 from stochvi.results.base import QUANTITY_UNITS, with_unit
@@ -31,7 +28,9 @@ from stochvi.views.tables import (
 )
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
+    from matplotlib.axes import Axes
 
 
 # ------------------------------------------------------------------------------
@@ -113,6 +112,8 @@ def quantities(table: pd.DataFrame) -> list[str]:
 def terminal_table(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
     """The table as a terminal shows it: keys, and main quantities with standard errors."""
 
+    import pandas as pd
+
     def cell(*numbers: float) -> str:
         value = numbers[0]
         error, bias, limit = (None if pd.isna(each) else float(each) for each in numbers[1:])
@@ -174,6 +175,8 @@ def draw_sweep(
 
     Bars are 95 % intervals of the statistical error alone.
     """
+    import matplotlib.pyplot as plt
+
     alone, ax = ax is None, axes_or_new(ax, SIZE)
     name = quantity.rsplit(".", 1)[1]
     shown, key = _quantity(table, quantity), _shown(table, unit_of_key(keys[0]) or "")
@@ -247,6 +250,8 @@ def unit_of_key(key: str) -> str | None:
 
 def draw_sheet(table: pd.DataFrame, keys: Sequence[str], title: str = "") -> Axes:
     """The quantities that matter most and that change, each in a small picture of one sheet."""
+    import matplotlib.pyplot as plt
+
     chosen = [
         quantity
         for name in GOVERNED

@@ -12,12 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.animation import PillowWriter
-from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
-from matplotlib.patches import Rectangle
 from numpy.typing import ArrayLike, NDArray
 
 from stochvi.mathematics.impact_rates import corner_exponent, normal_density
@@ -44,6 +39,7 @@ from stochvi.views.tables import print_frame
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
     from rich.console import Console
 
     from stochvi.methods.fokker_planck import FirstPassage
@@ -198,6 +194,8 @@ def plot_record(scene: Scene, path: pd.DataFrame, ax: Axes | None = None) -> Axe
 
 def draw_overview(found: Overview, title: str) -> Axes:
     """Densities of x and v and a short record in one figure; returns the record's Axes."""
+    import matplotlib.pyplot as plt
+
     figure, axes = plt.subplot_mosaic(
         [["x", "v"], ["record", "record"]], figsize=(9.6, 6.8), layout="constrained"
     )
@@ -291,6 +289,8 @@ def draw_history(found: History, scene: Scene, title: str = "") -> Axes:
     displacements, one for rotations, and one for each point of a body. Long histories are drawn by
     the smallest and largest values of neighbouring samples.
     """
+    import matplotlib.pyplot as plt
+
     panels = [*_motion_panels(found, scene), *_acceleration_panels(found, scene)]
     rows = len(panels)
     figure, grid = plt.subplots(
@@ -436,6 +436,10 @@ def write_animation(found: History, scene: Scene, path: Path, title: str = "") -
     """A GIF of masses between their stops, slowed down, around the fastest impact.
 
     It shows about eight mean periods of the first coordinate; stops light up at impacts."""
+    import matplotlib.pyplot as plt
+    from matplotlib.animation import PillowWriter
+    from matplotlib.patches import Rectangle
+
     time = _frame_times(found)
     tracks = _tracks(found, scene, time)
     reach = max(float(np.abs(place).max()) for track in tracks for place in track.places)
@@ -618,6 +622,8 @@ def plot_plane(scene: Scene, found: Density, ax: Axes | None = None) -> Axes:
 
     Stops are grey bands. At an inelastic rigid stop the density is infinite at v = 0, seen as a
     slit: a mass that comes at v > 0 leaves at -R v, nearer to 0."""
+    from matplotlib.colors import LogNorm
+
     ax = axes_or_new(ax, SIZE)
     (x, v), (unit, name) = _range(scene, found), _density_unit(scene, found)
     p = found.density(x[None, :], v[:, None]) * unit * SPEED.shown.si
@@ -676,6 +682,8 @@ def plot_marginals(
     scene: Scene, found: Density, axes: tuple[Axes, Axes] | None = None
 ) -> tuple[Axes, Axes]:
     """Densities of displacement and velocity, each with the normal distribution of the same rms."""
+    import matplotlib.pyplot as plt
+
     if axes is None:
         _, pair = plt.subplots(1, 2, figsize=(9.0, 3.6), layout="constrained")
         axes = (pair[0], pair[1])
@@ -708,6 +716,8 @@ def plot_marginals(
 
 def draw_density(scene: Scene, found: Density) -> Axes:
     """The plane, the marginals and, where there are stops, the impact speeds in one figure."""
+    import matplotlib.pyplot as plt
+
     stops = bool(scene.impact_pairs)
     figure, panels = plt.subplots(
         2, 2, figsize=(10.0, 7.6), layout="constrained", gridspec_kw={"height_ratios": (1.25, 1.0)}

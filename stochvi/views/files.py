@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import numpy as np
+import scipy
 from rich.console import Console
 from rich.text import Text
 
@@ -68,8 +69,6 @@ def matlab_name(column: str, taken: Mapping[str, Any]) -> str:
 def mat_of(frame: pd.DataFrame) -> bytes:
     """A table as a file of MATLAB 5: a column of numbers as a vector, one of text as a cell array,
     under the names of the columns."""
-    from scipy.io import savemat
-
     variables: dict[str, Any] = {}
     for column in frame.columns:
         values = frame[column]
@@ -78,7 +77,7 @@ def mat_of(frame: pd.DataFrame) -> bytes:
         variables[matlab_name(str(column), variables)] = array
     memory = io.BytesIO()
     stream: Any = memory  # its annotation knows names of files only
-    savemat(stream, variables, long_field_names=True, oned_as="column")
+    scipy.io.savemat(stream, variables, long_field_names=True, oned_as="column")
     return memory.getvalue()
 
 

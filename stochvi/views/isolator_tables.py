@@ -7,16 +7,10 @@ import textwrap
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 
-from stochvi.isolators.sizing.answer import (
-    HITS_PER_FIRST_HIT,
-    Probability,
-    spoken_mission,
-    spoken_percent,
-)
-from stochvi.mathematics.units import LENGTH, RATE, SPEED
-from stochvi.results.estimates import GAUSSIAN_95, Estimate
+from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, Probability
+from stochvi.mathematics.units import LENGTH, RATE, SPEED, spoken_mission
+from stochvi.results.estimates import GAUSSIAN_95, Estimate, spoken_percent
 from stochvi.views.axes import (
     BAND_ALPHA,
     CLEARANCES,
@@ -55,6 +49,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import pandas as pd
+    from matplotlib.axes import Axes
     from rich.console import Console
 
     from stochvi.isolators.jolt_response import Jolts

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from stochvi.mathematics.units import LENGTH, SPEED, TIME
 from stochvi.results.base import ROTATIONS
@@ -62,6 +61,8 @@ from stochvi.views.verification import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from stochvi.isolators.jolt_response import Jolts
     from stochvi.isolators.sizing.answer import Sizing
     from stochvi.methods.fokker_planck.transients import Transient

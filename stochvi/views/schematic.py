@@ -12,10 +12,7 @@ from itertools import combinations, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
 
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import LENGTH
@@ -27,6 +24,7 @@ from stochvi.views.tables import chance_in_words, four_digits
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
 
     from stochvi.isolators.sizing.answer import BoxOverview, Sizing
     from stochvi.methods.replay.recorded_motion import Histories, ReplayAt
@@ -287,6 +285,8 @@ def _motion_of(found: History | ReplayAt, scene: Scene) -> Motion:
 
 def _draw_span(motion: Motion, scene: Scene, span: Span, title: str) -> Axes:
     """Deflection across a beam, or displacement along a bar, over the distance from its end."""
+    import matplotlib.pyplot as plt
+
     share = np.linspace(0.0, 1.0, PLACES)
     along = _shapes(span, PLACES)
     touching = motion.modes[motion.touches] @ along.T
@@ -345,6 +345,8 @@ def draw_map(table: pd.DataFrame, found: Response, scene: Scene) -> Axes:
 
     An answer `found` of another method stands beside it as dots at the named points.
     """
+    import matplotlib.pyplot as plt
+
     structure = scene.structure
     assert isinstance(structure, Span)
     if len(structure.sides) > 1:
@@ -379,6 +381,9 @@ def _draw_points(ax: Axes, found: Response, span: Span, unit: float, metres: flo
 
 def _map_of_plate(table: pd.DataFrame, scene: Scene, plate: Span) -> Axes:
     """The rms over a plate, a panel each without stops and with them."""
+    import matplotlib.pyplot as plt
+    from matplotlib.ticker import MaxNLocator
+
     shown = {column: words for column, (words, *_) in MAPPED.items() if column in table}
     unit, name = length_unit(float(table["rms_without_stops_m"].max()))
     metres, of_length = _unit_of_length(max(plate.sides))
@@ -426,6 +431,9 @@ def _stops_on_points(pairs: Sequence[ImpactPair], scene: Scene) -> list[tuple[st
 
 def _draw_plate(motion: Motion, scene: Scene, plate: Span, title: str) -> Axes:
     """Deflection of a plate at its fastest impact, with its points, those at stops marked."""
+    import matplotlib.pyplot as plt
+    from matplotlib.ticker import MaxNLocator
+
     share = np.linspace(0.0, 1.0, PLACES_ACROSS)
     shapes = _shapes(plate, PLACES_ACROSS)
     deflection = (shapes @ motion.modes[motion.touches[0]]).reshape(PLACES_ACROSS, -1)

@@ -6,12 +6,7 @@ import itertools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import matplotlib.pyplot as plt
 import numpy as np
-import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
-from matplotlib.patches import Patch
 
 from stochvi.mathematics.units import LENGTH, RATE, SI_ACCELERATION, SPEED, TIME
 from stochvi.results.base import in_chosen_units
@@ -28,6 +23,7 @@ from stochvi.views.axes import (
 from stochvi.views.tables import Heading, print_frame, with_headings
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from rich.console import Console
 
     from stochvi.methods.periodic.attracted import Basins, Bifurcation
@@ -56,6 +52,8 @@ PANELS = {
 
 def print_sine(console: Console, found: HarmonicResponse) -> None:
     """Print what was found, the branches, the jumps and the special points."""
+    import pandas as pd
+
     console.print(found.summary(), style="bold", highlight=False)
     rows = [_row(number, branch) for number, branch in enumerate(found.branches)]
     if rows:
@@ -128,6 +126,8 @@ def _range(values: np.ndarray) -> str:
 def draw_sine(found: HarmonicResponse) -> Axes:
     """Displacement, impact speed and acceleration of the branches: stable ones full, unstable ones
     dashed, simulated motions as dots. A ValueError says that there is none to draw."""
+    import matplotlib.pyplot as plt
+
     figure, axes = plt.subplots(3, 1, figsize=SIZE, sharex=True, layout="constrained")
     for ax, column in zip(axes, PANELS, strict=True):
         plot_branches(found, ax, column)
@@ -344,6 +344,9 @@ def plot_lifetimes(found: LifeTimes, ax: Axes | None = None) -> Axes:
 
 def plot_basins(found: Basins, ax: Axes | None = None) -> Axes:
     """The map of starts, each coloured by the motion that it ends in, and the regimes in it."""
+    from matplotlib.colors import ListedColormap
+    from matplotlib.patches import Patch
+
     ax = axes_or_new(ax, MAP_SIZE)
     shades, handles, number = list[str](), list[Patch](), 0
     for regime in found.regimes:
@@ -414,6 +417,8 @@ def _mark(found: Basins, ax: Axes, units: tuple[float, ...]) -> None:
 
 def draw_bifurcation(found: Bifurcation, ax: Axes | None = None) -> Axes:
     """Draw impact speeds over the varied number, and the Lyapunov exponent below them."""
+    import matplotlib.pyplot as plt
+
     if ax is not None:
         return _plot_speeds(found, ax)
     _, axes = plt.subplots(

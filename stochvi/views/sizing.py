@@ -9,12 +9,8 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import matplotlib.pyplot as plt
 import numpy as np
-import pandas as pd
-from matplotlib.axes import Axes
 
-from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.mathematics.impact_rates import normal_density
 from stochvi.mathematics.units import (
     ACCELERATION,
@@ -24,9 +20,10 @@ from stochvi.mathematics.units import (
     SPEED,
     ShownQuantity,
     power_ratio,
+    spoken_mission,
 )
 from stochvi.results.base import is_speed
-from stochvi.results.estimates import GAUSSIAN_95
+from stochvi.results.estimates import GAUSSIAN_95, spoken_percent
 from stochvi.views.axes import (
     CLEARANCES,
     COLOURS,
@@ -44,6 +41,9 @@ from stochvi.views.axes import (
 from stochvi.views.tables import count_of, name_of_answer, with_article
 
 if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+
     from stochvi.isolators.screening import Environment, Screening
     from stochvi.isolators.sizing.answer import Sizing
     from stochvi.isolators.sizing.review import MotionBetweenStops, Review
@@ -191,6 +191,8 @@ def plot_clearance_ratio(
 
 def draw_clearance(curve: pd.DataFrame, predicted: pd.DataFrame, title: str) -> Axes:
     """Rates, and their ratio to Rice's below them, in one figure; returns the upper Axes."""
+    import matplotlib.pyplot as plt
+
     figure, axes = plt.subplots(
         2, 1, figsize=(6.8, 6.6), height_ratios=(2.0, 1.0), layout="constrained", sharex=True
     )

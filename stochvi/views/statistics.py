@@ -5,13 +5,8 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, NamedTuple
 
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm, Normalize
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
-from stochvi.isolators.sizing.answer import NEAR_ONE, over_percent, spoken_mission, spoken_percent
 from stochvi.mathematics.numerics import Matrix
 from stochvi.mathematics.units import (
     ACCELERATION,
@@ -27,9 +22,16 @@ from stochvi.mathematics.units import (
     ShownQuantity,
     Size,
     shown_as,
+    spoken_mission,
 )
 from stochvi.results.base import is_speed, unit_of_limit
-from stochvi.results.estimates import Estimate, format_with_error
+from stochvi.results.estimates import (
+    NEAR_ONE,
+    Estimate,
+    format_with_error,
+    over_percent,
+    spoken_percent,
+)
 from stochvi.views.axes import (
     BAND_ALPHA,
     CLEARANCES,
@@ -57,6 +59,7 @@ from stochvi.views.tables import (
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from matplotlib.axes import Axes
     from rich.console import Console
 
     from stochvi.isolators.bumpers import BumperMap
@@ -116,6 +119,8 @@ MODAL = re.compile(r"mode \d+")
 
 def draw_spectrum(found: ResponseSpectrum, title: str = "") -> Axes:
     """All spectra, one panel for each quantity; the last panel compares with the excitation."""
+    import matplotlib.pyplot as plt
+
     shown = {owner: c for owner, c in found.curves.items() if not MODAL.fullmatch(owner)}
     shown = shown or dict(found.curves)
     present = [name for name in DENSITIES if any(name in c for c in shown.values())]
@@ -187,6 +192,8 @@ def plot_histogram(
 def draw_impacts(found: ImpactStatistics, title: str = "") -> Axes:
     """Densities of impact speeds, with Rayleigh's of the same rms speed and the power law of slow
     impacts, and of the times between impacts."""
+    import matplotlib.pyplot as plt
+
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
     colours, speed, time = owner_colours(len(found.pairs)), SPEED.shown.si, TIME.shown.si
     for colour, (name, pair) in zip(colours, found.pairs.items(), strict=True):
@@ -343,6 +350,8 @@ def _one(values: SpectrumValues, k: int, quantity: ShownQuantity = NUMBER) -> st
 
 def draw_damage(found: Damage, title: str = "") -> Axes:
     """Extreme response and shocks, fatigue damage, and the density that does the same damage."""
+    import matplotlib.pyplot as plt
+
     figure, axes = plt.subplots(3, 1, figsize=(7.2, 8.4), sharex=True, layout="constrained")
     plot_extremes(found, axes[0])
     plot_fatigue(found, axes[1])
@@ -546,6 +555,8 @@ def _one_point(found: BumperMap, panel: Panel, row: int, column: int) -> str:
 def draw_bumper_map(found: BumperMap, title: str = "") -> Axes:
     """Peak acceleration, force, rattle space and energy over clearance and stiffness, each with
     what the limits leave."""
+    import matplotlib.pyplot as plt
+
     figure, axes = plt.subplots(2, 2, figsize=SIZE, sharex=True, sharey=True, layout="constrained")
     for ax, panel in zip(axes.ravel(), panels(found), strict=True):
         _draw_panel(found, panel, ax)
@@ -581,6 +592,9 @@ def _stiffness_label(found: BumperMap) -> str:
 def _draw_panel(found: BumperMap, panel: Panel, ax: Axes) -> None:
     """One quantity in colours, with lines of equal values; what exceeds a limit is hatched,
     and dotted where that is not known."""
+    from matplotlib.colors import LogNorm, Normalize
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+
     values = panel.quantity(getattr(found, panel.name).value.T)
     x, y = LENGTH(found.clearance), _stiffness(found)
     known = np.ma.masked_invalid(np.where(values > 0.0, values, np.nan))
@@ -732,7 +746,7 @@ def _chance(chance: Estimate) -> str:
 
 def _print_phases(console: Console, found: Reliability) -> None:
     """Print the probabilities and the expected impacts of each phase of a mission."""
-    from stochvi.isolators.sizing.answer import spoken_mission
+    from stochvi.mathematics.units import spoken_mission
 
     events = [event.replace("_", " ") for event in found.chances]
     table = new_table("phase by phase", ["phase", "duration", *events, "expected impacts"])
@@ -758,7 +772,7 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
 
     `limit_in_g` is the limit of the acceleration as the user gave it, where that was in g.
     """
-    from stochvi.isolators.sizing.answer import spoken_mission
+    from stochvi.mathematics.units import spoken_mission
 
     title = f"in a mission of {spoken_mission(found.mission)} from {STARTS[found.start]}"
     percent = f"{100.0 * found.confidence:g} % interval"

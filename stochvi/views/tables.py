@@ -13,10 +13,18 @@ from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
 
-from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
-from stochvi.mathematics.units import LENGTH, METRES, NUMBER, RATE, TIME, ShownQuantity, shown_as
+from stochvi.mathematics.units import (
+    LENGTH,
+    METRES,
+    NUMBER,
+    RATE,
+    TIME,
+    ShownQuantity,
+    shown_as,
+    spoken_mission,
+)
 from stochvi.results.base import QUANTITY_UNITS, Response, unit_of
-from stochvi.results.estimates import Estimate, format_with_error
+from stochvi.results.estimates import Estimate, format_with_error, spoken_percent
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.axes import Axes
 from scipy.special import ndtri
 
 from stochvi.mathematics.units import (
@@ -72,6 +70,7 @@ from stochvi.views.tables import (
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
     from rich.console import Console
 
     from stochvi.identification import Identification
@@ -106,6 +105,8 @@ def draw_work_precision(found: WorkPrecision, title: str = "") -> Axes:
     limit, dotted, and none where it is not known. Crosses are methods that simulate nothing,
     triangles the upper limits of their errors where these are not beyond the noise.
     """
+    import matplotlib.pyplot as plt
+
     keys = list(dict.fromkeys((row.of, row.quantity) for row in found.errors))
     keys = [key for key in keys if key[1] != "displacement_mean"][:MOST_PANELS]
     columns = min(3, len(keys))
@@ -136,6 +137,8 @@ def draw_work_precision(found: WorkPrecision, title: str = "") -> Axes:
 
 def plot_work_precision(found: WorkPrecision, of: str, quantity: str, ax: Axes) -> None:
     """The panel of one quantity."""
+    import matplotlib.pyplot as plt
+
     rows = [row for row in found.errors if (row.of, row.quantity) == (of, quantity)]
     colours = plt.get_cmap("viridis")(np.linspace(0.85, 0.1, len(rows)))
     seconds = np.geomspace(*WORK_SECONDS, 121)
@@ -574,9 +577,10 @@ def plot_identification(found: Identification, ax: Axes | None = None) -> Axes:
     """What was observed with the laws that fit best, and below it the residuals of the law to take.
 
     The record of a drop also has its force over the deflection. Given axes get the first panel."""
+    import matplotlib.pyplot as plt
+
     if ax is not None:
         return _draw_laws(found, ax)
-    import matplotlib.pyplot as plt
 
     columns = 1 if found.loop is None else 2
     figure, axes = plt.subplots(

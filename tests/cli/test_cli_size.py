@@ -14,8 +14,9 @@ from rich.console import Console
 
 from stochvi.isolators.screening import screen
 from stochvi.isolators.sizing import sensitivity
-from stochvi.isolators.sizing.answer import Sizing, spoken_percent
+from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.size import size
+from stochvi.results.estimates import spoken_percent
 from stochvi.scenes.scene import load_scene
 from stochvi.views.isolator_tables import print_sizing
 from stochvi.views.sizing import plot_risk

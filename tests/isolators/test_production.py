@@ -35,11 +35,11 @@ from stochvi.cli.options import tolerances_of
 from stochvi.isolators import Spread, production, production_risk, size
 from stochvi.isolators.production_risk import Start, Units
 from stochvi.isolators.sizing import search
-from stochvi.isolators.sizing.answer import spoken_percent
 from stochvi.isolators.sizing.risk_curve import chance_of_stops
 from stochvi.isolators.tolerances import Region, Tolerances
 from stochvi.model.model import model_of
 from stochvi.results.deadline import NEVER
+from stochvi.results.estimates import spoken_percent
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.statistics.crossings import own_distances
 from stochvi.sweeps import sweep

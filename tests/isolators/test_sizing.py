@@ -41,7 +41,7 @@ from stochvi.isolators import MissionSizing
 from stochvi.isolators.jolt_response import contact_on_mount
 from stochvi.isolators.screening import at_clearances, frequencies, input_density, transmissibility
 from stochvi.isolators.sizing import pairs, search
-from stochvi.isolators.sizing.answer import probability_at, probability_of_stops, spoken_percent
+from stochvi.isolators.sizing.answer import probability_at, probability_of_stops
 from stochvi.isolators.sizing.review import (
     PathSettings,
     ReviewSettings,
@@ -57,7 +57,7 @@ from stochvi.mathematics.unsteady_noise import FastPeaks, MovingMean
 from stochvi.methods.monte_carlo.kernels.flight import EXTREMES, FASTEST
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import Model, model_of
-from stochvi.results.estimates import GAUSSIAN_95, Estimate
+from stochvi.results.estimates import GAUSSIAN_95, Estimate, spoken_percent
 from stochvi.sampling.run import Run
 from stochvi.scenes.impact_laws import ForceTable, Law
 from stochvi.scenes.phases import Phase

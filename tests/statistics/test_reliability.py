@@ -37,10 +37,9 @@ from stochvi import (
     screen,
     simulate,
 )
-from stochvi.isolators.sizing.answer import spoken_percent
 from stochvi.results.base import Result
 from stochvi.results.deadline import NEVER, Deadline
-from stochvi.results.estimates import Cost, Estimate, logarithmic_interval
+from stochvi.results.estimates import Cost, Estimate, logarithmic_interval, spoken_percent
 from stochvi.sampling.calculations import DEFAULTS
 from stochvi.sampling.run import Run as SampledRun
 from stochvi.scenes.datasets import shipped_scene

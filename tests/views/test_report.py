@@ -31,13 +31,13 @@ from stochvi import (
 )
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import environment
-from stochvi.isolators.sizing.answer import Sizing, Target, spoken_percent
+from stochvi.isolators.sizing.answer import Sizing, Target
 from stochvi.isolators.sizing.review import PeakSettings, Review, ReviewSettings, review
 from stochvi.isolators.sizing.sensitivity import worst_case
 from stochvi.isolators.tolerances import Tolerances
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.base import named_with_units
-from stochvi.results.estimates import Estimate
+from stochvi.results.estimates import Estimate, spoken_percent
 from stochvi.results.files import Origin, origin_of
 from stochvi.scenes.excitations import Excitation
 from stochvi.scenes.scene import Scene

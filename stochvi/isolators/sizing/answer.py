@@ -13,12 +13,12 @@ from stochvi.isolators.record_verdict import RecordVerdict, most_alarming
 from stochvi.isolators.screening import Screening, at_clearances
 from stochvi.isolators.tolerances import Tolerances
 from stochvi.mathematics.numerics import ROUNDING, Matrix, Vector
-from stochvi.mathematics.units import ACCELERATION, LENGTH, RATE, shown_as
+from stochvi.mathematics.units import ACCELERATION, LENGTH, RATE, shown_as, spoken_mission
 from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.model.coverage import NaturalMode, free_motion, natural_modes
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import Response, Result
-from stochvi.results.estimates import Estimate
+from stochvi.results.estimates import Estimate, spoken_percent
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody
@@ -1028,42 +1028,6 @@ def _stops_in_toml(scene: Scene, places: Mapping[str, float]) -> str:
     return ", ".join(
         f"{side} = {in_toml(moved(stated.get(side, 0.0), place))}" for side, place in places.items()
     )
-
-
-NEAR_ONE = 0.999
-"""Probability above which the number that it exceeds is shown: its own digits would all be 9."""
-
-
-def spoken_percent(probability: float) -> str:
-    """A probability in per cent, never rounded to 0 or 100.
-
-    >>> spoken_percent(0.01), spoken_percent(2.5e-6), spoken_percent(0.99999999)
-    ('1 %', '0.00025 %', 'over 99.9 %')
-    """
-    if probability > NEAR_ONE:
-        return over_percent(probability)
-    return f"{100.0 * probability:.3g} %" if probability > 1e-6 else f"{100.0 * probability:.1e} %"
-
-
-def over_percent(probability: float) -> str:
-    """A probability near 1 by the tenths of a per cent that it exceeds, 99.9 at most.
-
-    >>> over_percent(0.99999999), over_percent(0.99819)
-    ('over 99.9 %', 'over 99.8 %')
-    """
-    return f"over {min(math.floor(1000.0 * probability), 999) / 10.0:g} %"
-
-
-def spoken_mission(seconds: float) -> str:
-    """A mission in the unit that reads best.
-
-    >>> spoken_mission(3600.0), spoken_mission(18.0), spoken_mission(5400.0), spoken_mission(7.2e5)
-    ('1 h', '18 s', '1.5 h', '200 h')
-    """
-    for unit, name in ((3600.0, "h"), (60.0, "min")):
-        if seconds >= unit:
-            return f"{seconds / unit:.4g} {name}"
-    return f"{seconds:.4g} s"
 
 
 MOST_NAMED = 3

@@ -9,8 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
-from scipy.optimize import brentq
+import scipy
 
 from stochvi.isolators.screening import at_clearances
 from stochvi.isolators.sizing.answer import (
@@ -850,7 +849,7 @@ class TotalRisk:
 
     @cached_property
     def _curve(self) -> Callable[[float], float]:
-        curve = PchipInterpolator(self.risks, self.logs)
+        curve = scipy.interpolate.PchipInterpolator(self.risks, self.logs)
         return lambda place: float(curve(place))
 
     def risk(self, probability: float) -> tuple[float, float]:
@@ -864,7 +863,9 @@ class TotalRisk:
                 "probability or mission"
             )
         low, high = self.risks[[0, -1]]
-        place = float(brentq(lambda x: self._curve(x) - wanted, low, high, xtol=1e-12))
+        place = float(
+            scipy.optimize.brentq(lambda x: self._curve(x) - wanted, low, high, xtol=1e-12)
+        )
         step = 0.01 * (high - low)
         inside = min(max(place, low + step), high - step)
         slope = (self._curve(inside + step) - self._curve(inside - step)) / (2.0 * step)

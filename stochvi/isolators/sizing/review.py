@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
-import pandas as pd
 
 from stochvi.isolators.jolt_response import hardest_contact
 from stochvi.isolators.screening import (
@@ -51,6 +50,8 @@ from stochvi.scenes.structures import Oscillator
 from stochvi.statistics.densities import SampledDensity
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from stochvi.model.model import Model
 
 
@@ -219,6 +220,8 @@ def _kurtosis(samples: Vector) -> float:
 def _faster_hits(speeds: Vector, duration: float, settings: PathSettings) -> pd.DataFrame:
     """Rate of impacts at least as fast as each of the sorted speeds, thinned where they are
     many."""
+    import pandas as pd
+
     fastest = min(settings.exact_ranks, len(speeds))
     steps = math.log(len(speeds) / fastest) / math.log(settings.rank_ratio)
     more = np.geomspace(fastest, len(speeds), math.ceil(steps) + 1).round().astype(int)
@@ -228,6 +231,8 @@ def _faster_hits(speeds: Vector, duration: float, settings: PathSettings) -> pd.
 
 def _impacts(scene: Scene, speeds: Vector, settings: PathSettings) -> pd.DataFrame:
     """Percentiles of impact speed and, of compliant stops, what the mass then feels."""
+    import pandas as pd
+
     model = model_of(scene)
     stops = [
         (stop.law, abs(stop.position - model.rest))
@@ -255,6 +260,8 @@ by the sampling."""
 def _apparent_transmissibility(
     model: Model, path: pd.DataFrame, settings: PathSettings
 ) -> pd.DataFrame:
+    import pandas as pd
+
     step = float(path["time"].iloc[1] - path["time"].iloc[0])
     period = 2.0 * math.pi / model.omega
     length = min(round(settings.segment_periods * period / step), len(path))

@@ -10,9 +10,8 @@ from functools import partial
 from typing import TYPE_CHECKING, ClassVar, Unpack
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
-from scipy.optimize import brentq
 
 from stochvi.isolators.screening import at_clearances
 from stochvi.isolators.sizing.answer import Clearance, Target
@@ -169,7 +168,11 @@ class RiskCurve:
                 f"{self.mission:g} s, as at {1e3 * high:.4g} mm, the largest clearance that is "
                 f"tried, got {probability:g}; ask for a larger probability"
             )
-        value = float(brentq(lambda c: curve(c) - wanted, low, high, xtol=1e-12 * low, rtol=1e-12))
+        value = float(
+            scipy.optimize.brentq(
+                lambda c: curve(c) - wanted, low, high, xtol=1e-12 * low, rtol=1e-12
+            )
+        )
         step = 1e-3 * self.sigma
         inside = min(max(value, low + step), high - step)
         slope = (curve(inside + step) - curve(inside - step)) / (2.0 * step)
@@ -190,7 +193,7 @@ class RiskCurve:
                 f"first impacts {wanted:.3g} times a second belong to a clearance below "
                 f"{1e3 * low:.4g} mm, the smallest that is tried"
             )
-        return float(brentq(lambda c: self.first_rate(c) - wanted, low, high))
+        return float(scipy.optimize.brentq(lambda c: self.first_rate(c) - wanted, low, high))
 
     def probability(self, clearance: float) -> float:
         """Probability of any impact at a clearance; beyond the levels, the ratio to Rice's rate is
@@ -263,7 +266,7 @@ class RiskCurve:
 
     def _interpolated(self, usable: NDArray[np.bool_], logs: Vector) -> Callable[[float], float]:
         expected = np.log([self.rice_rate(c) * self.mission for c in self.clearances[usable]])
-        ratio = PchipInterpolator(self.clearances[usable], logs - expected)
+        ratio = scipy.interpolate.PchipInterpolator(self.clearances[usable], logs - expected)
         last = float(self.clearances[usable][-1])
 
         def interpolated(clearance: float) -> float:
@@ -366,7 +369,9 @@ def widening(scene: Scene, target: Target, velocity_std: float, clearance: float
         # forces are per unit mass here
         low = 1e-9 * velocity_std
         speed = float(
-            brentq(lambda w: softest.impact(w, 1.0).peak_force - left, low, 1e6, xtol=low)
+            scipy.optimize.brentq(
+                lambda w: softest.impact(w, 1.0).peak_force - left, low, 1e6, xtol=low
+            )
         )
     return min(max(speed / (TYPICAL_SPEED * velocity_std), 1.0), WIDEST)
 

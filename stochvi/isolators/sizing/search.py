@@ -17,20 +17,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stochvi.isolators.screening import screened
-from stochvi.isolators.sizing.answer import (
-    SIDES,
-    Clearance,
-    Question,
-    Sizing,
-    ThreeSigma,
-    spoken_percent,
-)
+from stochvi.isolators.sizing.answer import SIDES, Clearance, Question, Sizing, ThreeSigma
 from stochvi.isolators.tolerances import Tolerances
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.model.coverage import scene_notes
 from stochvi.model.model import model_of
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
-from stochvi.results.estimates import TOO_FEW, Estimate, provenance
+from stochvi.results.estimates import TOO_FEW, Estimate, provenance, spoken_percent
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.clusters import FAR, ImpactCounts, chance_of, count_impacts, is_far

@@ -9,7 +9,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 from scipy.special import gammaln, roots_genlaguerre
 
 from stochvi.isolators.sizing.answer import Question, Sizing, are_uneven, mean_gaps
@@ -289,7 +289,7 @@ def _not_gaussian(
     while slow_bursts(curve, top, KURTOSIS, mission) > wanted:
         top *= 1.5
     # in sigma: the absolute tolerance of the search has no unit then
-    needed = sigma * brentq(
+    needed = sigma * scipy.optimize.brentq(
         lambda u: slow_bursts(curve, u * sigma, KURTOSIS, mission) - wanted,
         0.5 * old / sigma,
         top / sigma,

@@ -9,8 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Unpack
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
-from scipy.optimize import brentq
+import scipy
 
 from stochvi.isolators.record_verdict import record_verdict
 from stochvi.isolators.screening import at_clearances
@@ -268,7 +267,7 @@ class Joint:
                 )  # fmt: skip
         while excess(high) > 0.0:
             high += step
-        value = float(brentq(excess, low, high, xtol=1e-12 * guess, rtol=1e-12))
+        value = float(scipy.optimize.brentq(excess, low, high, xtol=1e-12 * guess, rtol=1e-12))
         width = 1e-3 * guess
         slope = (excess(value + width) - excess(value - width)) / (2.0 * width)
         total, half = self.hazard(value)
@@ -429,12 +428,14 @@ class EqualRisk:
         return int(np.argmax(self.places[len(self.places) // 2]))
 
     @cached_property
-    def _clearances(self) -> PchipInterpolator:
-        return PchipInterpolator(self.places[:, self.widest], self.places)
+    def _clearances(self) -> scipy.interpolate.PchipInterpolator:
+        return scipy.interpolate.PchipInterpolator(self.places[:, self.widest], self.places)
 
     @cached_property
-    def _logarithms(self) -> PchipInterpolator:
-        return PchipInterpolator(self.places[:, self.widest], np.log(self.hazards))
+    def _logarithms(self) -> scipy.interpolate.PchipInterpolator:
+        return scipy.interpolate.PchipInterpolator(
+            self.places[:, self.widest], np.log(self.hazards)
+        )
 
     def held(self, place: float) -> float:
         """A clearance of the widest gap, or the nearest that is looked at."""
@@ -670,7 +671,7 @@ def _guess(phases: Mapping[str, PhaseOfPairs], number: int, name: str, hazard: f
     farthest = nearest + step
     while excess(farthest) > 0.0:
         farthest += step
-    return float(brentq(excess, nearest, farthest))
+    return float(scipy.optimize.brentq(excess, nearest, farthest))
 
 
 def _felt(phases: Mapping[str, PhaseOfPairs], expected: Mapping[str, float]) -> list[str]:

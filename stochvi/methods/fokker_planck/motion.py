@@ -9,7 +9,7 @@ from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq, minimize_scalar
+import scipy
 
 from stochvi.mathematics.impact_rates import (
     BetaDistribution,
@@ -232,7 +232,7 @@ class Motion:
         order = np.argsort(places)
         lowest = int(np.argmin(energies[order]))
         around = places[order][max(lowest - 1, 0) : lowest + 2]
-        found = minimize_scalar(
+        found = scipy.optimize.minimize_scalar(
             lambda x: float(self.energy(np.array(x))),
             bounds=(around[0], around[-1]),
             method="bounded",
@@ -267,7 +267,7 @@ class Motion:
         near, far = float(places[last]), float(places[last + 1])
         if above(near) >= 0.0:
             return far
-        return float(brentq(above, near, far, xtol=1e-9 * abs(far - near)))
+        return float(scipy.optimize.brentq(above, near, far, xtol=1e-9 * abs(far - near)))
 
     def open_ends(self, left: float, right: float, square: float) -> list[tuple[int, float, float]]:
         """Each end without a rigid stop as (side, place, n).
@@ -376,7 +376,7 @@ def _root(function: Callable[[float], float], start: float) -> float:
             low, high = high, high + step
         else:
             raise NotApplicable("fokker-planck", [UNBOUNDED])
-    return float(brentq(function, low, high, xtol=1e-9)) if high > low else low
+    return float(scipy.optimize.brentq(function, low, high, xtol=1e-9)) if high > low else low
 
 
 # ------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import lapack
+import scipy
 
 from stochvi.mathematics.numerics import Array, gauss_legendre, gauss_panels
 from stochvi.methods.fokker_planck.basis import (
@@ -246,12 +246,14 @@ class _Piece:
         row, column = np.broadcast_arrays(rows[:, :, None], rows[:, None, :])
         banded = np.zeros((height, (count + 1) * n), order="F")
         np.add.at(banded, (2 * self.band + row - column, column), blocks)
-        self.factors, self.pivots, status = lapack.dgbtrf(banded, self.band, self.band)
+        self.factors, self.pivots, status = scipy.linalg.lapack.dgbtrf(banded, self.band, self.band)
         if status != 0:
             raise np.linalg.LinAlgError(f"strip of {count} cells: singular equations ({status})")
 
     def _solve(self, right: Array) -> Array:
-        found, _ = lapack.dgbtrs(self.factors, self.band, self.band, right, self.pivots)
+        found, _ = scipy.linalg.lapack.dgbtrs(
+            self.factors, self.band, self.band, right, self.pivots
+        )
         return np.asarray(found, dtype=np.float64)
 
     def flux_matrix(self, side: int) -> Array:

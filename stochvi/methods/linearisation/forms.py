@@ -9,8 +9,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
-from scipy.optimize import brentq
+import scipy
 from scipy.special import ndtr
 
 from stochvi.mathematics.impact_rates import (
@@ -157,8 +156,8 @@ BOX_SPEED = (
 exp(-c |v|^3). The last entry continues the slope before it; it has no effect, since elastic stops
 have no share in the losses."""
 
-_DENSITY = PchipInterpolator(BOX_RESTITUTION, BOX_DENSITY)
-_SPEED = PchipInterpolator(BOX_RESTITUTION, BOX_SPEED)
+_DENSITY = scipy.interpolate.PchipInterpolator(BOX_RESTITUTION, BOX_DENSITY)
+_SPEED = scipy.interpolate.PchipInterpolator(BOX_RESTITUTION, BOX_SPEED)
 
 
 def rigid_closure(gap: Gap, box: bool = False) -> Form:
@@ -189,7 +188,7 @@ def curvature_floor(restitutions: Iterable[float], box: bool = False) -> float:
         return law.density_at(1.0) - wanted
 
     # for R = 0 the floor is -3.53, or -5.5 of a box; for R = 1 it is 0
-    floor: float = brentq(excess, -8.0, 0.5)
+    floor: float = scipy.optimize.brentq(excess, -8.0, 0.5)
     return floor
 
 
@@ -721,7 +720,7 @@ def _elastic_start(gap: Gap) -> Unknowns:
 
     if imbalance(0.0) >= 0.0:
         return np.zeros(3)
-    return np.array([0.0, brentq(imbalance, 0.0, 1.0 - math.log(gap.omega)), 0.0])
+    return np.array([0.0, scipy.optimize.brentq(imbalance, 0.0, 1.0 - math.log(gap.omega)), 0.0])
 
 
 def normal_law(gap: Gap, mean: float, deviation: float) -> TruncatedNormal:
@@ -836,7 +835,7 @@ def _start_by_force(gap: Gap) -> Unknowns:
         low *= 2.0
     while imbalance(high) < 0.0:
         high *= 2.0
-    return np.array([brentq(imbalance, low, high), 0.0])
+    return np.array([scipy.optimize.brentq(imbalance, low, high), 0.0])
 
 
 @dataclass(frozen=True, kw_only=True)

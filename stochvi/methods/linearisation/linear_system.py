@@ -9,8 +9,8 @@ from itertools import pairwise
 from typing import NamedTuple, Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq, fsolve, least_squares
 
 from stochvi.mathematics.impact_rates import (
     NO_STOP,
@@ -230,7 +230,7 @@ def speed_scale(gap: Gap) -> float:
     if low <= floor:
         # no balance: a preload holds the mass on a stop. A form may still find one of its own
         return math.exp(best)
-    log_speed: float = brentq(surplus, low, high, xtol=1e-14, rtol=1e-14)
+    log_speed: float = scipy.optimize.brentq(surplus, low, high, xtol=1e-14, rtol=1e-14)
     return math.exp(log_speed)
 
 
@@ -241,7 +241,9 @@ def balanced_speeds(gap: Gap, near: float) -> list[float]:
     logs = math.log(near) + np.linspace(*SCAN, SCANNED_SPEEDS)
     values = [_surplus(gap, log_speed) for log_speed in logs.tolist()]
     return [
-        math.exp(brentq(lambda log_speed: _surplus(gap, log_speed), low, high, xtol=1e-9))
+        math.exp(
+            scipy.optimize.brentq(lambda log_speed: _surplus(gap, log_speed), low, high, xtol=1e-9)
+        )
         for (low, one), (high, two) in pairwise(zip(logs.tolist(), values, strict=True))
         if one * two < 0.0
     ]
@@ -391,7 +393,9 @@ def root(problem: Problem, start: Unknowns, *, patient: bool = True) -> Unknowns
     def shifted(offset: Unknowns) -> Unknowns:
         return problem(start + (offset - 1.0))
 
-    offset, *_ = fsolve(shifted, np.ones(len(start)), xtol=1e-13, maxfev=100, full_output=True)
+    offset, *_ = scipy.optimize.fsolve(
+        shifted, np.ones(len(start)), xtol=1e-13, maxfev=100, full_output=True
+    )
     unknowns: Unknowns = start + (offset - 1.0)
     if np.abs(problem(unknowns)).max() < ACCEPTED:
         return unknowns
@@ -399,7 +403,7 @@ def root(problem: Problem, start: Unknowns, *, patient: bool = True) -> Unknowns
         return None
     # the hybrid steps of MINPACK stall at a kink and next to an edge of a density
     with np.errstate(all="ignore"):  # nothing changes around a start that describes no response
-        slow = least_squares(
+        slow = scipy.optimize.least_squares(
             shifted, np.ones(len(start)), xtol=1e-14, ftol=None, gtol=None, max_nfev=60
         )
     unknowns = start + (slow.x - 1.0)

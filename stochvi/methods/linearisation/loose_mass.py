@@ -22,8 +22,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid, trapezoid
-from scipy.interpolate import RegularGridInterpolator
+import scipy
 
 from stochvi.mathematics.numerics import Vector
 from stochvi.model.build_response import build_response, residuals
@@ -146,11 +145,11 @@ def moments(box: AbsorberModel) -> dict[str, float]:
     power = box.pair.mass / box.mass * (1.0 - box.restitution**2) / 2.0 * f2
     diffusion = box.intensity / box.mass**2
     fall = 2.0 / diffusion * (box.damping / box.mass + power / energy)
-    density = np.exp(-cumulative_trapezoid(fall, energy, initial=0))
-    total = float(trapezoid(density, energy))
+    density = np.exp(-scipy.integrate.cumulative_trapezoid(fall, energy, initial=0))
+    total = float(scipy.integrate.trapezoid(density, energy))
 
     def mean(values: Vector) -> float:
-        return float(trapezoid(values * density, energy)) / total
+        return float(scipy.integrate.trapezoid(values * density, energy)) / total
 
     return {
         "velocity": mean(energy),
@@ -176,13 +175,13 @@ def shaken_box(restitution: float, plays: Vector) -> dict[str, Vector]:
 
 
 @cache
-def _table() -> tuple[list[str], list[RegularGridInterpolator], float]:
+def _table() -> tuple[list[str], list[scipy.interpolate.RegularGridInterpolator], float]:
     rows = _rows(TABLE)
     laws, plays = (sorted({float(row[key]) for row in rows}) for key in ("restitution", "play"))
     names = list(rows[0])[2:]
     shape = len(laws), len(plays)
     tables = [
-        RegularGridInterpolator(
+        scipy.interpolate.RegularGridInterpolator(
             (laws, np.log(plays)),
             np.log([float(row[name]) for row in rows]).reshape(shape),
             bounds_error=False,

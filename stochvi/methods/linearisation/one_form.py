@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize_scalar
 
 from stochvi.mathematics.impact_rates import StopStatistics
 from stochvi.mathematics.numerics import Matrix, Vector
@@ -707,7 +707,7 @@ class LinearisedOscillator:
 
         best = int(np.argmax(density(logs)))
         ends = float(logs[max(best - 1, 0)]), float(logs[min(best + 1, PLACES_BETWEEN_STOPS - 1)])
-        found = minimize_scalar(
+        found = scipy.optimize.minimize_scalar(
             lambda log: -float(density(log)), bounds=ends, method="bounded", options={"xatol": 1e-9}
         )
         return math.exp(found.x)

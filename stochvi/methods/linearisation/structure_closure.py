@@ -19,7 +19,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import expm
+import scipy
 
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import stationary_covariance
@@ -802,7 +802,7 @@ def _unlike_one_mode(
     flow[:n, n:], flow[n:, :n], flow[n:, n:] = np.eye(n), -np.diag(modes.squares), -modes.damping
     seen = np.zeros((2, 2 * n))
     seen[0, :n], seen[1, n:] = row, row
-    moved = seen[0] @ expm(flow * duration)
+    moved = seen[0] @ scipy.linalg.expm(flow * duration)
     covariance = law.covariance[: 2 * n, : 2 * n]  # without the states of signals
     given = covariance @ seen.T @ np.linalg.pinv(seen @ covariance @ seen.T)
     left = covariance - given @ seen @ covariance

@@ -11,8 +11,8 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import ifft, irfft
 
 from stochvi.engine.arithmetic import COLUMNS, Log
 from stochvi.mathematics.numerics import Matrix, Vector, Waves
@@ -836,7 +836,7 @@ class GapResponse:
         streams = _streams(seed, first_path, paths, 0)
         real, imaginary = np.ascontiguousarray(waves.real), np.ascontiguousarray(waves.imag)
         fill_modal_spectrum(streams, real, imaginary, relative, spectrum.view(np.float64))
-        free = ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
+        free = scipy.fft.ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
         found = np.empty((paths, self.samples, 2 * len(chosen)))
         found[:, :, 0::2] = free.real.transpose(2, 0, 1)
         found[:, :, 1::2] = scale * free.imag.transpose(2, 0, 1)
@@ -855,7 +855,9 @@ class GapResponse:
             for order in range(3):
                 spectrum[:] = 0.0
                 spectrum[1 : len(waves) + 1] = turn**order * cross
-                found[order, :, :, gap] = ifft(spectrum, axis=0, norm="forward").real[before]
+                found[order, :, :, gap] = scipy.fft.ifft(spectrum, axis=0, norm="forward").real[
+                    before
+                ]
         return found
 
     def shock_responses(self, rows: Matrix, force: Vector, pulses: Pulses) -> Vector:
@@ -867,7 +869,7 @@ class GapResponse:
         moved = gains(f, np.diag(self.modes.squares), self.modes.damping, force) @ rows.T
         moved *= (pulses.size * pulses.shock.transform(2.0 * np.pi * f))[:, None]
         found = [
-            irfft((2j * np.pi * f[:, None]) ** order * moved, fine, axis=0)[::FINER]
+            scipy.fft.irfft((2j * np.pi * f[:, None]) ** order * moved, fine, axis=0)[::FINER]
             for order in (0, 1)
         ]
         return np.asarray(np.stack(found, axis=-1) * fine / self.block_length).swapaxes(0, 1)

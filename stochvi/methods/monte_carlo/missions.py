@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from stochvi.engine.laws import Restitution
 from stochvi.mathematics.numerics import Vector
@@ -263,7 +263,7 @@ def _force_at(law: CompliantLaw, distance: float, model: Model, acceleration: fl
         return force + stiff * (distance + float(law.deflection_at(force))) - acceleration
 
     most = acceleration + stiff * abs(distance)
-    return float(brentq(excess, 0.0, most)) if excess(0.0) < 0.0 else 0.0
+    return float(scipy.optimize.brentq(excess, 0.0, most)) if excess(0.0) < 0.0 else 0.0
 
 
 def _base(model: Model) -> WhitePlan:

@@ -18,8 +18,8 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import ifft, irfft, next_fast_len, rfft
 
 from stochvi.engine.arithmetic import NO_RECORD, Log
 from stochvi.engine.parts import rate
@@ -132,7 +132,7 @@ class ForceOfShocks(BlockForce):
         first = np.floor(times).astype(int)
         for knot, weight in enumerate(_cubic(times - first)):
             np.add.at(weights, (first - 1 + knot) % self.samples, sizes * weight)
-        return np.asarray(self._filter * rfft(weights))
+        return np.asarray(self._filter * scipy.fft.rfft(weights))
 
     @cached_property
     def _filter(self) -> Waves:
@@ -555,8 +555,8 @@ class ModalTablesPlan(ModalContactsPlan):
     def at_whole_periods(self, period: float) -> Self:
         """The plan with blocks of whole periods, s, of a whole number of samples each, at about the
         same sampling interval."""
-        samples = next_fast_len(math.ceil(period / self.step))
-        periods = next_fast_len(2 * math.ceil(self.block_length / period / 2.0))
+        samples = scipy.fft.next_fast_len(math.ceil(period / self.step))
+        periods = scipy.fft.next_fast_len(2 * math.ceil(self.block_length / period / 2.0))
         periods += periods % 2
         return replace(
             self, block_length=periods * period, samples=periods * samples, step=period / samples
@@ -649,14 +649,18 @@ class ModalTablesPlan(ModalContactsPlan):
         if self._unknown_noise:
             return None
         modes = self.modes
-        bins = rfft(self.free_response(seed, path, 1, 0)[:, : modes.size, 0], axis=0)
+        bins = scipy.fft.rfft(self.free_response(seed, path, 1, 0)[:, : modes.size, 0], axis=0)
         w = 2.0 * np.pi / self.block_length * np.arange(1, len(bins))[:, None]
         forces = np.zeros_like(bins)
         if not integrals:
             forces[0] = modes.squares * bins[0]
         forces[1:] = (modes.squares - w**2) * bins[1:] + 1j * w * (bins[1:] @ modes.damping.T)
         forces[1:] /= (1j * w) ** integrals
-        found = self.model.mass @ modes.shapes @ irfft(forces, self.samples, axis=0)[:samples].T
+        found = (
+            self.model.mass
+            @ modes.shapes
+            @ scipy.fft.irfft(forces, self.samples, axis=0)[:samples].T
+        )
         start = self.start(_streams(seed, path, 1, MOST_BLOCKS - 1))
         return np.asarray(found + self._sines(start, self._burn_in_steps, samples, integrals))
 
@@ -734,7 +738,7 @@ class ModalTablesPlan(ModalContactsPlan):
         spectrum = np.empty((self.samples, waves.shape[1], paths), complex)
         real, imaginary = np.ascontiguousarray(waves.real), np.ascontiguousarray(waves.imag)
         fill_modal_spectrum(streams, real, imaginary, relative, spectrum.view(np.float64))
-        free = ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
+        free = scipy.fft.ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
         moved = free[:, : self.modes.size]
         if self.model.level is not None:
             gains = levels_of_block(
@@ -766,11 +770,11 @@ class ModalTablesPlan(ModalContactsPlan):
     def _modulated(self, free: Waves, gains: Matrix) -> Waves:
         """A response q + i q' / scale (samples, modes, paths) whose excitation is larger by
         `gains`."""
-        bins = rfft(free.real, axis=0)
+        bins = scipy.fft.rfft(free.real, axis=0)
         for first, last in self._parts(len(bins)):
             bins[first:last] = self._stiffness(first, last) @ bins[first:last]
         return self._response_to(
-            rfft(gains[:, None, :] * irfft(bins, self.samples, axis=0), axis=0)
+            scipy.fft.rfft(gains[:, None, :] * scipy.fft.irfft(bins, self.samples, axis=0), axis=0)
         )
 
     def _response_to(self, bins: Waves) -> Waves:
@@ -783,7 +787,7 @@ class ModalTablesPlan(ModalContactsPlan):
             bins[first:last] = np.linalg.solve(self._stiffness(first, last), bins[first:last])
         w = self._bin_frequency * np.arange(len(bins))
         place, speed = (
-            irfft(each, self.samples, axis=0)
+            scipy.fft.irfft(each, self.samples, axis=0)
             for each in (bins, (1j / self.scale * w)[:, None, None] * bins)
         )
         return np.asarray(place + 1j * speed)

@@ -25,8 +25,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import ifft, irfft, next_fast_len, rfft
 
 from stochvi.engine.arithmetic import NO_LOG, NO_RECORD, Log
 from stochvi.engine.parts import rate
@@ -109,8 +109,6 @@ def levels_of_block(
         Samples of the warm-up at the end of the block, whose times lie before 0, and of the one
         from which they begin.
     """
-    from scipy.signal import lfilter  # takes a second to import
-
     times = step * ((np.arange(samples) + before) % samples)
     spacing = level.time / KNOTS
     count = math.ceil(times.max() / spacing) + 2
@@ -124,7 +122,7 @@ def levels_of_block(
     noise = np.stack([first, second], axis=1).reshape(2 * half, paths)[:count]
     decay = math.exp(-1.0 / KNOTS)
     noise[1:] *= math.sqrt(-math.expm1(-2.0 / KNOTS))
-    normal = lfilter([1.0], [1.0, -decay], noise, axis=0)
+    normal = scipy.signal.lfilter([1.0], [1.0, -decay], noise, axis=0)
     place = times / spacing
     knot = place.astype(int)
     share = (place - knot)[:, None]
@@ -417,11 +415,11 @@ class TabulatedPlan:
 
     def _input_of(self, free: Records, integrals: int = 0) -> Records:
         """The excitation of a synthesised response (samples, 2 paths): bin by bin, f = y / H."""
-        bins = rfft(free[:, 0::2], axis=0)
+        bins = scipy.fft.rfft(free[:, 0::2], axis=0)
         w = 2.0 * math.pi / self.block_length * np.arange(1, len(bins))
         bins[0] = 0.0  # nothing is synthesised there
         bins[1:] *= (self._dynamic_stiffness(w) / (1j * w) ** integrals)[:, None]
-        return np.asarray(irfft(bins, self.samples, axis=0))
+        return np.asarray(scipy.fft.irfft(bins, self.samples, axis=0))
 
     def _dynamic_stiffness(self, w: NDArray[np.floating]) -> NDArray[np.complex128]:
         """1 / H at angular frequencies, 1/s^2: the excitation per unit of the free response."""
@@ -583,7 +581,7 @@ class TabulatedPlan:
         relative = 2.0 * np.pi / self.block_length / self.model.omega * bins
         spectrum = np.empty((self.samples, paths), complex)
         fill_spectrum(streams, amplitudes, relative, spectrum.view(np.float64))
-        free = ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
+        free = scipy.fft.ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
         if self.model.level is not None:
             gains = levels_of_block(
                 self.model.level, seed, first_path, paths, number,
@@ -601,11 +599,11 @@ class TabulatedPlan:
         """A response y + i y' / w0 (samples, paths) whose excitation is larger by `gains`."""
         w = 2.0 * math.pi / self.block_length * np.arange(self.samples // 2 + 1)
         stiff = self._dynamic_stiffness(w)[:, None]
-        force = irfft(stiff * rfft(free.real, axis=0), self.samples, axis=0)
-        bins = rfft(gains * force, axis=0) / stiff
+        force = scipy.fft.irfft(stiff * scipy.fft.rfft(free.real, axis=0), self.samples, axis=0)
+        bins = scipy.fft.rfft(gains * force, axis=0) / stiff
         bins[-1] = 0.0
         place, speed = (
-            irfft(each, self.samples, axis=0)
+            scipy.fft.irfft(each, self.samples, axis=0)
             for each in (bins, (1j / self.model.omega * w)[:, None] * bins)
         )
         return np.asarray(place + 1j * speed)
@@ -804,7 +802,7 @@ def _even_fast_length(samples: float) -> int:
     Rounding cannot change a number that follows from its own step.
     """
     half = max(samples, 32.0) / 2.0
-    return 2 * int(next_fast_len(math.ceil(half * (1.0 - ROUNDING))))
+    return 2 * int(scipy.fft.next_fast_len(math.ceil(half * (1.0 - ROUNDING))))
 
 
 def _too_many(samples: float) -> str:

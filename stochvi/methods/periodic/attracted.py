@@ -12,9 +12,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import solve_discrete_lyapunov
-from scipy.spatial import cKDTree
 
 from stochvi.mathematics.numerics import Matrix, Vector, Whole
 from stochvi.methods.periodic.branches import Finder
@@ -128,15 +127,15 @@ class Attractor:
     cycle: int = 0
 
     @cached_property
-    def _tree(self) -> cKDTree:
-        return cKDTree(self.points)
+    def _tree(self) -> scipy.spatial.cKDTree:
+        return scipy.spatial.cKDTree(self.points)
 
     @cached_property
     def _near(self) -> float:
         """Distance up to which a state lies among the points."""
         if self.cycle:
             return 1e-3 * float(np.abs(self.points).max())
-        between = cKDTree(self.points[::2]).query(self.points[1::2])[0]
+        between = scipy.spatial.cKDTree(self.points[::2]).query(self.points[1::2])[0]
         return NEAR * float(np.max(between))
 
     def holds(self, states: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -347,7 +346,7 @@ class Attractors:
         for _ in range(track.periods):
             flights.fly(self.course, y, touch, factors, np.empty((0, 3)), 0)
         share = math.sqrt(max(float(np.abs(np.linalg.eigvals(factors)).max()), 1e-6))
-        form = np.asarray(solve_discrete_lyapunov(factors.T / share, eye), float)
+        form = np.asarray(scipy.linalg.solve_discrete_lyapunov(factors.T / share, eye), float)
         form = np.asarray(0.5 * (form + form.T), float)
         root = np.linalg.inv(np.linalg.cholesky(form)).T
         random = np.random.default_rng(2)

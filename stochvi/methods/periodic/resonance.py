@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
@@ -1166,8 +1167,6 @@ class RelayBetweenStops:
         ValueError
             If the mass turns before it has reached the other stop.
         """
-        from scipy.optimize import brentq
-
         state = np.array([-self.clearance, self.restitution * speed, 1.0])
         last = math.sqrt(state[1] ** 2 + 4.0 * self.force * self.clearance)
         free = (last - state[1]) / self.force
@@ -1186,7 +1185,7 @@ class RelayBetweenStops:
         def ahead(time: float) -> float:
             return float((transition(self._generator, time) @ state)[0]) - self.clearance
 
-        end = float(brentq(ahead, 0.0, part, xtol=1e-15 * part, rtol=1e-14))
+        end = float(scipy.optimize.brentq(ahead, 0.0, part, xtol=1e-15 * part, rtol=1e-14))
         return passed + end, float((transition(self._generator, end) @ state)[1])
 
     def next_speed(self, speed: float) -> float:
@@ -1203,14 +1202,14 @@ class RelayBetweenStops:
     def impact_speed(self) -> float:
         """Speed of the impacts in the long run, m/s: the one that leads back to itself. Without a
         damper it is 2 sqrt(U c / (1 - R^2)), whatever the spring."""
-        from scipy.optimize import brentq
-
         high = unit = self.next_speed(0.0)
         while self.next_speed(high) > high and high < FASTEST * unit:
             high *= 2.0
         if high == unit:
             return unit
-        return float(brentq(lambda w: self.next_speed(w) - w, unit, high, rtol=1e-13))
+        return float(
+            scipy.optimize.brentq(lambda w: self.next_speed(w) - w, unit, high, rtol=1e-13)
+        )
 
     @property
     def period(self) -> float:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
 
 from stochvi.mathematics.numerics import Vector
 from stochvi.methods.periodic.branches import (
@@ -537,7 +537,7 @@ def regimes(case: Harmonic, form: str) -> Iterator[tuple[float, bool]]:
     values = [balance(float(s)) for s in places]
     for low, high, before, after in zip(places, places[1:], values, values[1:], strict=False):
         if before * after < 0.0:
-            s = float(brentq(balance, low, high, xtol=1e-15, rtol=1e-13))
+            s = float(scipy.optimize.brentq(balance, low, high, xtol=1e-15, rtol=1e-13))
             yield law(case, s)[0], after > 0.0
 
 

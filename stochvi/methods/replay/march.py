@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from stochvi.engine.calls import FIRST_DRAW, MOST_DRAWS, changes_of, functions_of, row_of_numbers
 from stochvi.mathematics.numerics import Matrix, Vector
@@ -263,8 +264,6 @@ def rest_of(model: Model) -> Vector:
 
 def _pressed(model: Model, stop: Stop, rest: float) -> float:
     """Displacement at which spring, load and a compliant stop balance, m."""
-    from scipy.optimize import brentq
-
     law, stiffness = stop.law, float(model.stiffness[0, 0])
     assert isinstance(law, CompliantLaw)
 
@@ -272,7 +271,7 @@ def _pressed(model: Model, stop: Stop, rest: float) -> float:
         push = float(law.force_at(stop.deflection(x)))
         return stiffness * x - float(model.constant_force[0]) + stop.side * push
 
-    return float(brentq(unbalance, stop.position, rest, xtol=1e-15))
+    return float(scipy.optimize.brentq(unbalance, stop.position, rest, xtol=1e-15))
 
 
 def _stops(model: Model) -> kernel.Stops:

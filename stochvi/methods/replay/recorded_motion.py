@@ -15,6 +15,7 @@ from dataclasses import replace as changed
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Matrix, Vector
@@ -202,13 +203,11 @@ class Histories:
         segment
             Length of a segment, s; by default a hundredth of the record, 64 samples at least.
         """
-        from scipy.signal import spectrogram  # which takes half a second to import
-
         name = next(iter(self.acceleration)) if coordinate is None else coordinate
         step = float(self.time[1] - self.time[0])
         wanted = self.time[-1] / SEGMENTS if segment is None else segment
         samples = min(max(round(wanted / step), FEWEST_SAMPLES), len(self.time))
-        frequency, middles, density = spectrogram(
+        frequency, middles, density = scipy.signal.spectrogram(
             self.acceleration[name], 1.0 / step, window="hann", nperseg=samples,
             noverlap=samples // 2, detrend="constant",
         )  # fmt: skip

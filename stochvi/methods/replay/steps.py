@@ -14,9 +14,8 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import rfft, rfftfreq
-from scipy.ndimage import binary_opening
 
 from stochvi.engine.arithmetic import Log
 from stochvi.mathematics.numerics import Matrix, Vector
@@ -172,8 +171,8 @@ def _law_of_record(model: Model, shaking: SampledExcitation) -> LinearLaw:
     ones. Displacements are at most those of a motion between the stops."""
     modes, forces = model.modal, shaking.forces[:MOST_PLANNED]
     n, samples = modes.size, len(forces)
-    bins = rfft(forces @ modes.shapes, axis=0)[1:] / samples
-    w = 2.0 * math.pi * rfftfreq(samples, shaking.step)[1:, None, None]
+    bins = scipy.fft.rfft(forces @ modes.shapes, axis=0)[1:] / samples
+    w = 2.0 * math.pi * scipy.fft.rfftfreq(samples, shaking.step)[1:, None, None]
     stiffness = np.diag(modes.squares) - w**2 * np.eye(n) + 1j * w * modes.damping
     q = np.linalg.solve(stiffness, bins[:, :, None])[:, :, 0]
     width = 1.0
@@ -277,7 +276,9 @@ class _Moved:
         slow = 2.0 * self.slow[number]
         near = np.abs(self.y[:, number] - stop.position) <= slow * self.step
         still = near & (np.abs(self.rate[:, number]) <= slow)
-        return np.asarray(binary_opening(still, np.ones(FEWEST_AT_REST, dtype=np.bool_)))
+        return np.asarray(
+            scipy.ndimage.binary_opening(still, np.ones(FEWEST_AT_REST, dtype=np.bool_))
+        )
 
     def _force_of(self, number: int, pair: Pair, stop: Stop) -> Vector:
         """Force of a compliant stop, N; not known (nan) of a rigid one."""

@@ -6,12 +6,10 @@ Each excitation is a file. A class of `DrawnExcitation` is found there; `Excitat
 from __future__ import annotations
 
 import pkgutil
-from functools import reduce
 from importlib import import_module
-from operator import or_
-from typing import TYPE_CHECKING, Annotated, get_args
+from typing import Annotated, get_args
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator
 
 from stochvi.scenes.excitations.base import (
     BASE,
@@ -34,6 +32,7 @@ from stochvi.scenes.excitations.noise import (
     kinds_of_filters,
 )
 from stochvi.scenes.excitations.recorded import RecordedNoise
+from stochvi.scenes.validation import OneOf
 
 Excitation = (
     WhiteNoise
@@ -59,14 +58,8 @@ EXCITATIONS: tuple[type[BaseExcitation], ...] = tuple(
 )
 """The classes of excitations: those of `Excitation`, and all drives that a simulation draws."""
 
-if TYPE_CHECKING:
-    _Every = Excitation
-else:
-    _Every = reduce(or_, EXCITATIONS)
-
 Excitations = Annotated[
-    tuple[Annotated[_Every, Field(discriminator="kind")], ...],
-    BeforeValidator(kinds_of_filters),
+    tuple[Annotated[Excitation, OneOf(EXCITATIONS)], ...], BeforeValidator(kinds_of_filters)
 ]
 """Excitations of a scene, or of a phase of its mission."""
 

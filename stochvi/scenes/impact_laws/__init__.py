@@ -5,12 +5,10 @@ from __future__ import annotations
 
 import pkgutil
 from collections.abc import Iterator
-from functools import reduce
 from importlib import import_module
-from operator import or_
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Discriminator, Tag
+from pydantic import BeforeValidator
 
 from stochvi.scenes.impact_laws.compliant import (
     CompliantLaw,
@@ -24,6 +22,7 @@ from stochvi.scenes.impact_laws.compliant import (
     Viscoelastic,
 )
 from stochvi.scenes.impact_laws.rigid import Restitution, SpeedRestitution
+from stochvi.scenes.validation import OneOf
 
 __all__ = [
     "CompliantLaw",
@@ -39,12 +38,6 @@ __all__ = [
     "SpeedRestitution",
     "Viscoelastic",
 ]
-
-
-def _kind(value: Any) -> str:
-    """The kind that a law states; "restitution" if it states none."""
-    kind = value.get("kind", "restitution") if isinstance(value, dict) else None
-    return str(getattr(value, "kind", "restitution") if kind is None else kind)
 
 
 def _no_function(value: Any) -> Any:
@@ -65,9 +58,5 @@ def _laws(base: type[ImpactLaw] = ImpactLaw) -> Iterator[type[ImpactLaw]]:
 for _module in pkgutil.iter_modules(__path__, f"{__name__}."):
     import_module(_module.name)
 
-if TYPE_CHECKING:
-    Law = ImpactLaw
-else:
-    _tagged = [Annotated[each, Tag(each.model_fields["kind"].default)] for each in _laws()]
-    Law = Annotated[reduce(or_, _tagged), Discriminator(_kind), BeforeValidator(_no_function)]
-    """Every law that a stop may follow."""
+Law = Annotated[ImpactLaw, OneOf(_laws(), usual="restitution"), BeforeValidator(_no_function)]
+"""Every law that a stop may follow."""

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 from pydantic import (
     Field,
@@ -293,8 +294,6 @@ class CompliantLaw(ImpactLaw):
         return np.asarray(np.vectorize(self._deflection_at, otypes=[float])(force))
 
     def _deflection_at(self, force: float) -> float:
-        from scipy.optimize import brentq
-
         if force <= 0.0:
             return 0.0
         high = SMALLEST_DEFLECTION
@@ -302,7 +301,9 @@ class CompliantLaw(ImpactLaw):
             high *= 4.0
             if high > LARGEST_DEFLECTION:
                 return math.inf
-        return float(brentq(lambda y: float(self.force_at(y)) - force, 0.0, high, xtol=1e-300))
+        return float(
+            scipy.optimize.brentq(lambda y: float(self.force_at(y)) - force, 0.0, high, xtol=1e-300)
+        )
 
     def impact(self, speed: float, mass: float) -> ContactSolution:
         """The contact of a free mass (of a pair: its reduced mass, kg) that arrives at `speed`.
@@ -322,7 +323,6 @@ class CompliantLaw(ImpactLaw):
 
         `pressing` is an acceleration towards the stop, m/s^2, such as that of gravity in a drop.
         """
-        from scipy.integrate import solve_ivp
 
         def force(y: float, v: float) -> float:
             return float(self.force_at(max(y, 0.0), v, mass))
@@ -333,7 +333,7 @@ class CompliantLaw(ImpactLaw):
             deep *= 1.5
         leaves: Any = lambda _, state: state[0]  # noqa: E731
         leaves.terminal, leaves.direction = True, -1.0
-        solved: Any = solve_ivp(
+        solved: Any = scipy.integrate.solve_ivp(
             lambda _, state: (state[1], pressing - force(*state) / mass),
             (0.0, min(100.0 * deep / speed, longest)), (0.0, speed), events=leaves, rtol=1e-9,
             atol=1e-12 * deep, dense_output=True, max_step=deep / speed,

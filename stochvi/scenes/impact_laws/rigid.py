@@ -9,6 +9,7 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 from pydantic import Discriminator, Tag, field_validator, model_validator
 
@@ -61,14 +62,12 @@ def viscoelastic_restitution(loss: ArrayLike) -> Vector:
 @cache
 def _curve() -> Any:
     """The restitution over the root of the loss, from contacts of a unit mass at unit speed."""
-    from scipy.interpolate import CubicSpline
-
     roots = np.linspace(0.0, MOST_LOSS**0.5, POINTS)
     found = [
         PowerLaw(coefficient=1.0, loss=root**2, loss_exponent=0.5).impact(1.0, 1.0).restitution
         for root in roots[1:]
     ]
-    return CubicSpline(roots, [1.0, *found])
+    return scipy.interpolate.CubicSpline(roots, [1.0, *found])
 
 
 def hunt_crossley_restitution(loss: ArrayLike) -> Vector:
@@ -446,12 +445,12 @@ class SpeedRestitution(RigidLaw):
 
 def _loss_at(restitution: Callable[[ArrayLike], Vector], value: float) -> float:
     """The number of a body at which it has a restitution."""
-    from scipy.optimize import brentq
-
     if value == 1.0:
         return 0.0
     high = 1.0
     while float(restitution(high)) > value and high < LARGEST_LOSS:
         high *= 2.0
-    found = brentq(lambda x: float(restitution(x)) - value, 0.0, high, xtol=1e-300, rtol=1e-14)
+    found = scipy.optimize.brentq(
+        lambda x: float(restitution(x)) - value, 0.0, high, xtol=1e-300, rtol=1e-14
+    )
     return float(found) if math.isfinite(found) else 0.0

@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 from scipy.special import gamma
 
 from stochvi.mathematics.numerics import Matrix, Vector, gauss_legendre, gauss_panels
@@ -806,7 +806,9 @@ class GaussianEquipment:
             chances = [level.probability(each, mission) for each in rates]
             hazards[row] = -np.log1p(-np.minimum(chances, CERTAIN))
         marks = np.linspace(0.0, few[-1], len(LEVELS))
-        logs = PchipInterpolator(np.log(few), np.log(np.maximum(hazards, LEAST_HAZARD)), axis=1)
+        logs = scipy.interpolate.PchipInterpolator(
+            np.log(few), np.log(np.maximum(hazards, LEAST_HAZARD)), axis=1
+        )
         below = np.exp(-np.exp(logs(np.log(np.maximum(marks, few[0])))))
         below[:, 0] = 0.0
         return marks, below

@@ -16,6 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Vector
@@ -369,14 +370,16 @@ def envelope(frequency_hz: Vector, density: Vector, breakpoints: int) -> Table:
 
 def _kinks(x: Vector, y: Vector, share: Vector, penalty: float) -> NDArray[np.int_]:
     """Numbers of the ends of z, and of the places where its slope changes."""
-    from scipy.sparse import block_array, diags_array, eye_array
-
     count, width = len(x), np.diff(x)
-    slopes: Any = diags_array([-1.0 / width, 1.0 / width], offsets=[0, 1], shape=(count - 1, count))
-    bend: Any = diags_array([-1.0, 1.0], offsets=[0, 1], shape=(count - 2, count - 1)) @ slopes
-    ones = eye_array(count - 2)
-    blocks: Any = [[-eye_array(count), None], [bend, -ones], [-bend, -ones]]
-    rows: Any = block_array(blocks)
+    slopes: Any = scipy.sparse.diags_array(
+        [-1.0 / width, 1.0 / width], offsets=[0, 1], shape=(count - 1, count)
+    )
+    bend: Any = (
+        scipy.sparse.diags_array([-1.0, 1.0], offsets=[0, 1], shape=(count - 2, count - 1)) @ slopes
+    )
+    ones = scipy.sparse.eye_array(count - 2)
+    blocks: Any = [[-scipy.sparse.eye_array(count), None], [bend, -ones], [-bend, -ones]]
+    rows: Any = scipy.sparse.block_array(blocks)
     limits = np.concatenate([-y, np.zeros(2 * (count - 2))])
     cost = np.concatenate([share, np.full(count - 2, penalty)])
     z = _least(cost, rows, limits)[:count]
@@ -386,7 +389,5 @@ def _kinks(x: Vector, y: Vector, share: Vector, penalty: float) -> NDArray[np.in
 
 def _least(cost: Vector, rows: Any, limits: Vector) -> Vector:
     """The variables of least cost with rows @ variables <= limits."""
-    from scipy.optimize import linprog
-
-    found: Any = linprog(cost, A_ub=rows, b_ub=limits, bounds=(None, None))
+    found: Any = scipy.optimize.linprog(cost, A_ub=rows, b_ub=limits, bounds=(None, None))
     return np.asarray(found.x)

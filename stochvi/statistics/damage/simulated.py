@@ -10,8 +10,8 @@ from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len, rfft
 
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.methods.monte_carlo.choose_plan import HistoryPlan, ImpactLog
@@ -203,8 +203,8 @@ def squares_below(records: Matrix, frequency_hz: Sequence[float], step: float) -
     """Mean squares of records (paths, samples) below frequencies, by Hann's window."""
     count = records.shape[1]
     taper = np.sqrt(2.0 / 3.0) * (1.0 - np.cos(2.0 * math.pi * np.arange(count) / count))
-    size = next_fast_len(count, real=True)
-    powers = np.abs(rfft(records * taper, size, axis=1)) ** 2 * (2.0 / (size * count))
+    size = scipy.fft.next_fast_len(count, real=True)
+    powers = np.abs(scipy.fft.rfft(records * taper, size, axis=1)) ** 2 * (2.0 / (size * count))
     powers[:, 0] *= 0.5
     total = np.cumsum(powers, axis=1)
     bins = np.array(frequency_hz) * size * step
@@ -425,8 +425,8 @@ class ClusterSampler(TrialSampler):
     def _below(self, records: Matrix) -> Matrix:
         """Integrals of the squares of records from the first impact on, below each frequency."""
         kept = records[:, self.before :]
-        size = next_fast_len(kept.shape[1], real=True)
-        powers = np.abs(rfft(kept, size, axis=1)) ** 2 * (2.0 * self.step / size)
+        size = scipy.fft.next_fast_len(kept.shape[1], real=True)
+        powers = np.abs(scipy.fft.rfft(kept, size, axis=1)) ** 2 * (2.0 * self.step / size)
         powers[:, 0] *= 0.5
         total = np.cumsum(powers, axis=1)
         bins = np.array(self.equipment.frequency_hz) * size * self.step

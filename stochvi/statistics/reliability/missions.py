@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.unsteady_noise import RandomLevel
@@ -583,7 +583,7 @@ class LevelHazard:
         """Rates at the `gains` of a level, 1/s."""
         normal = np.log(level.gains) / self.level.spread + self.level.spread
         inside = np.clip(normal, self.tried[0], self.tried[-1])
-        ratio = PchipInterpolator(self.tried, self.logarithms)(inside)
+        ratio = scipy.interpolate.PchipInterpolator(self.tried, self.logarithms)(inside)
         return np.asarray(self.expected(level.gains) * np.exp(ratio))
 
     def probability(self, mission: float, level: RandomLevel | None = None) -> float:

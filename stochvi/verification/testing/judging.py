@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.linalg import solve_continuous_lyapunov
+import scipy
 
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.base import (
@@ -460,8 +460,8 @@ def _shares_from_rest(problem: Problem) -> dict[str, float]:
     states[count:, count:] = -inverse @ model.damping
     noise = np.zeros_like(states)
     noise[count:, count:] = inverse @ model.white @ inverse.T
-    stationary = solve_continuous_lyapunov(states, -noise)
-    lacking = solve_continuous_lyapunov(states, -stationary) / problem.duration
+    stationary = scipy.linalg.solve_continuous_lyapunov(states, -noise)
+    lacking = scipy.linalg.solve_continuous_lyapunov(states, -stationary) / problem.duration
     share = 1.0 - np.diag(lacking) / np.diag(stationary)
     return {
         f"{name}.{quantity}": float(share[place + shift])

@@ -9,19 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 
-from stochvi.isolators.sizing.answer import (
-    NEAR_ONE,
-    ClearanceAnswer,
-    DamageSizing,
-    MissionSizing,
-    spoken_mission,
-    spoken_percent,
-)
+from stochvi.isolators.sizing.answer import ClearanceAnswer, DamageSizing, MissionSizing
 from stochvi.mathematics.spectra import Table
-from stochvi.mathematics.units import ACCELERATION, DENSITY, LENGTH, SPEED, readable
+from stochvi.mathematics.units import ACCELERATION, DENSITY, LENGTH, SPEED, readable, spoken_mission
 from stochvi.results.base import of_angle, plain, unit_of_limit
+from stochvi.results.estimates import NEAR_ONE, spoken_percent
 from stochvi.results.files import Origin, origin_of
 from stochvi.scenes.phases import Phase
 from stochvi.scenes.scene import Scene
@@ -69,6 +62,8 @@ from stochvi.views.tables import (
 from stochvi.views.verification import ROWS, headline, plot_clearances, plot_history, plot_waterfall
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from stochvi.isolators.production_risk import Production
     from stochvi.isolators.record_verdict import RecordVerdict
     from stochvi.isolators.screening import SceneAtRest

@@ -11,15 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from stochvi.isolators.sizing.answer import (
-    MOST_NAMED,
-    places_in_words,
-    spoken_mission,
-    spoken_percent,
-)
+from stochvi.isolators.sizing.answer import MOST_NAMED, places_in_words
 from stochvi.isolators.tolerances import in_words
-from stochvi.mathematics.units import ACCELERATION, LENGTH, SPEED
+from stochvi.mathematics.units import ACCELERATION, LENGTH, SPEED, spoken_mission
 from stochvi.results.base import plain
+from stochvi.results.estimates import spoken_percent
 from stochvi.scenes.excitations import Excitation
 from stochvi.scenes.excitations.base import BASE, DensityNoise
 from stochvi.scenes.scene import Scene

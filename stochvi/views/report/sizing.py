@@ -8,12 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from stochvi.isolators.sizing.answer import (
-    HITS_PER_FIRST_HIT,
-    spoken_mission,
-    spoken_percent,
-    two_sided,
-)
+from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, two_sided
 from stochvi.mathematics.units import (
     ACCELERATION,
     FORCE,
@@ -24,9 +19,10 @@ from stochvi.mathematics.units import (
     SPEED,
     ShownQuantity,
     Size,
+    spoken_mission,
 )
 from stochvi.results.base import Response, is_speed, named_with_units, plain
-from stochvi.results.estimates import GAUSSIAN_95
+from stochvi.results.estimates import GAUSSIAN_95, spoken_percent
 from stochvi.results.files import Origin, origin_of
 from stochvi.views.axes import PAGE, axes_or_new
 from stochvi.views.files import try_picture, write_table
