@@ -1090,7 +1090,7 @@ def _of_own_drives(model: Model) -> float:
 def _of_growing_damping(model: Model, law: LinearLaw) -> float:
     """The longest relaxation time, s, where dampers brake a larger motion more.
 
-    A damper with the linear part c(s) at the rms speed s takes the power c s^2. A disturbance of
+    A damper with the linear part c(s) at the rms speed s takes the power c s^2. A perturbation of
     the energy decays with its slope, c + s c' / 2, and not with c, which is small in a motion that
     excites itself.
     """
