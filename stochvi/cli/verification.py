@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING
 
 import click
@@ -145,9 +146,13 @@ def explain(options: Common, scene: str, budget: float) -> None:
     from stochvi.views.verification import print_explanation, print_phases
 
     loaded = load_scene(scene)
+    before = time.process_time()  # a command that starts does nothing else
     left = options.until(budget).rest or budget
     if loaded.phases:
-        phases = explain_phases(loaded, threads=options.threads, budget=left)
+        phases = {
+            name: each.with_start(before)
+            for name, each in explain_phases(loaded, threads=options.threads, budget=left).items()
+        }
         each = {name: answer.to_dict() for name, answer in phases.items()}
         document = {"method": "explain", "phases": each}
         options.show(phases, print_phases, None, document)
@@ -155,7 +160,7 @@ def explain(options: Common, scene: str, budget: float) -> None:
             _write_phases(phases, options.out)
         found, loaded = next(iter(phases.values())), loaded.in_phase(loaded.phases[0].name)
     else:
-        found = explain_scene(loaded, threads=options.threads, budget=left)
+        found = explain_scene(loaded, threads=options.threads, budget=left).with_start(before)
         options.show(found, print_explanation, "methods")
     if options.out is not None:
         from stochvi.views.schematic import write_problem

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -890,6 +890,14 @@ class Explanation(Result):
         if not self.simulated:
             return f"not simulated: {self.methods['simulate']}"
         return f"simulated: {', '.join(self.effects)}"
+
+    def with_start(self, seconds: float) -> Explanation:
+        """The explanation whose price has some seconds more before the first path: of a command,
+        those in which its process started and read the scene."""
+        if self.simulation is None:
+            return self
+        start = self.simulation.start_seconds + seconds
+        return replace(self, simulation=replace(self.simulation, start_seconds=start))
 
     @property
     def simulated(self) -> bool:

@@ -357,10 +357,12 @@ def print_explanation(console: Console, explanation: Explanation) -> None:
             f"{plan.nanoseconds_per_step:.2g} ns a step here",
             highlight=False,
         )
+        console.print(f"to start: about {plan.start_seconds:.1g} s, in every run", highlight=False)
         for target, seconds in plan.seconds.items():
             cost = "unknown"
             if seconds is not None:
-                cost = f"about {seconds:.1g} s" if seconds < 10.0 else f"about {seconds:.0f} s"
+                digits = ".1g" if seconds < 10.0 else ".0f"
+                cost = f"about {seconds:{digits}} s"
             console.print(
                 f"relative error {target:g}: {cost} ({plan.governed_by})", highlight=False
             )

@@ -48,12 +48,15 @@ from stochvi import (
     transient,
 )
 from stochvi.cli import main
+from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.model.coverage import natural_modes
 from stochvi.model.model import model_of
 from stochvi.results import Interrupted
 from stochvi.results.base import CoordinateResponse
-from stochvi.results.deadline import asked_for
+from stochvi.results.deadline import Deadline, asked_for
 from stochvi.results.estimates import Cost, normal_score, student_quantile
+from stochvi.sampling.run import Run
+from stochvi.sampling.workers import pool_of
 from stochvi.scenes.datasets import data_folder, shipped_scene, zoo_files
 from stochvi.scenes.scene import scene_from
 from stochvi.testing import known_answers
@@ -486,18 +489,52 @@ def test_what_is_absent_is_told() -> None:
     assert "restitution must be 1" in told.methods["exact"]
 
 
-def test_the_predicted_price_is_that_of_the_run() -> None:
-    """Times on a shared machine wander: the paths behind them are compared, which do not."""
-    scene = oscillator(-1.0, 1.0, 1.0)
-    plan = explain(scene, threads=1).simulation
-    assert plan is not None
-    cost = simulate(scene, rel_error=0.001, seed=1, threads=1).cost
-    predicted = plan.seconds[0.001]
-    assert predicted is not None
-    steps = 1e9 * predicted / plan.nanoseconds_per_step
-    # errors of the pilot, of a thousand paths and more, are good to some per cent; a run may
-    # overshoot its goal by the last of its rounds
-    assert 0.4 * steps < cost.steps < 2.5 * steps
+class PricedInSteps(simulation.PricedRounds):
+    """The price where each step takes a second, and nothing else any time."""
+
+    _of_worker, _before_round = 1.0, 0.0
+
+
+@pytest.mark.parametrize(
+    ("scene", "rel_error"),
+    [
+        (oscillator(-1.0, 1.0, 1.0), 0.001),
+        (oscillator(-1.0, 1.0, 1.0), 0.01),  # which takes less than the first round
+        (oscillator(-2.0, 2.0, 0.8), 0.01),  # whose step a pilot chooses
+    ],
+    ids=["many rounds", "one round", "with a pilot"],
+)
+def test_the_predicted_price_is_that_of_the_run(
+    monkeypatch: pytest.MonkeyPatch, scene: Scene, rel_error: float
+) -> None:
+    """Times on a shared machine wander: the steps behind them are compared, which do not."""
+    with pool_of(None, 1) as pool:
+        run = simulation.Simulation(
+            scene, make_plan(model_of(scene)), Run(pool, Deadline.after(None)), 0.0, 0
+        )
+        pilot = PricedInSteps(run)
+        run.add_paths(pilot.first, pilot.more)
+    error = max(simulation.relative_standard_errors(run).values())
+    made, add_paths = [], simulation.Simulation.add_paths
+
+    def counted(self: Any, *how: Any) -> bool:
+        enough = add_paths(self, *how)
+        made.append(self.steps)
+        return enough
+
+    monkeypatch.setattr(simulation.Simulation, "add_paths", counted)
+    simulate(scene, rel_error=rel_error, seed=1, threads=1)
+    assert 0.5 < pilot.seconds_to(rel_error, error) / sum(made) < 2.0
+
+
+def test_a_command_has_its_start_beside_the_price() -> None:
+    told = explain(oscillator(-1.0, 1.0, 1.0), threads=1)
+    before, after = told.simulation, told.with_start(2.0).simulation
+    assert before is not None and after is not None and after.seconds == before.seconds
+    assert before.start_seconds > 0.0 and after.start_seconds == before.start_seconds + 2.0
+    printed = io.StringIO()
+    print_explanation(Console(file=printed, width=200), told.with_start(2.0))
+    assert "to start: about 2 s, in every run" in printed.getvalue()
 
 
 SOME = (
@@ -638,7 +675,9 @@ def test_two_paths_that_take_all_the_time_of_a_pilot_are_not_begun(
     begun: list[int] = []
     price = share * simulation.LEAST_PILOT_SECONDS
     monkeypatch.setattr(simulation, "seconds_of_first_paths", lambda *_: price)
-    monkeypatch.setattr(simulation.Simulation, "add_paths", lambda _, paths: begun.append(paths))
+    monkeypatch.setattr(
+        simulation.Simulation, "add_paths", lambda _, first, more: begun.append(first)
+    )
     found = explain(oscillator(-1.0, 1.0, 0.8), threads=1, budget=1e-3).simulation
     assert found is not None and bool(begun) is pilot
     steps = simulation.FEWEST_AT_ONCE * found.steps_per_path

@@ -51,7 +51,7 @@ from stochvi.model.build_response import NO_MEAN_SPEED, build_response, residual
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import Model, Pair, model_of
 from stochvi.results.base import CoordinateResponse, PairResponse, Response
-from stochvi.results.deadline import Deadline, Overdue, Progress
+from stochvi.results.deadline import Deadline, Overdue, Progress, stood_still
 from stochvi.results.errors import MOST_RECORDED, Interrupted, NotConverged, check_size
 from stochvi.results.estimates import (
     TOO_FEW,
@@ -135,7 +135,7 @@ class Simulation:
     machines: tuple[str, ...] = field(default=(), init=False)
 
     def __post_init__(self) -> None:
-        self.started = time.perf_counter()
+        self.started = _clock()
         self.model = self.plan.model
         self.whole_duration = self.plan.duration
 
@@ -169,7 +169,7 @@ class Simulation:
     @property
     def seconds(self) -> float:
         """Seconds since this process started or resumed the simulation."""
-        return time.perf_counter() - self.started
+        return _clock() - self.started
 
     def cut(self) -> str:
         """Where the paths of the answer were cut, for a sentence; nothing where they are whole."""
@@ -1054,7 +1054,9 @@ class Prospect:
     """What a simulation would be like: its states and steps, and what they cost here and now.
 
     `nanoseconds_per_step` is wall time per step of one path, all threads at work; `seconds` maps
-    relative errors to predicted wall time, None where no impact was seen to predict by.
+    relative errors to predicted wall time, None where no impact was seen to predict by. Before
+    that each run takes `start_seconds`: for its plan and the loading of its kernels, and of a
+    command for the start of the process and the reading of the scene as well.
 
     See Also
     --------
@@ -1068,6 +1070,7 @@ class Prospect:
     duration: float
     steps_per_path: int
     nanoseconds_per_step: float
+    start_seconds: float
     seconds: dict[float, float | None]
     governed_by: str
 
@@ -1076,10 +1079,11 @@ class Prospect:
 def prospect(
     scene: Scene, *, threads: int | None = None, seed: int = 0, budget: float | None = None
 ) -> Prospect:
-    """Predict the cost of `simulate` from a pilot run of one block or two.
+    """Predict the cost of `simulate` from a pilot run.
 
-    Standard errors fall with the square root of the scene time, so seconds(rel_error) =
-    seconds(pilot) (pilot error / rel_error)^2, from the quantity that converges last.
+    Standard errors fall with the square root of the scene time: the pilot tells the time of a step
+    and the errors of its paths, from which follow the rounds that the run would make, and those of
+    the pilot that chooses its step. The quantity that converges last governs them.
 
     Parameters
     ----------
@@ -1111,22 +1115,24 @@ def prospect(
     2
     """
     deadline, model = Deadline.after(budget), model_of(scene)
+    began = _clock()
     plan = make_plan(model)
     compile_time = compiled(plan)
+    if not plan.elastic:
+        compiled(plan.coarser())
+    start = _clock() - began
     seconds = max(min(PILOT_SECONDS, deadline.left), LEAST_PILOT_SECONDS)
     price = seconds_of_first_paths(plan, seed, Deadline.after(seconds))
     with pool_of(None, threads) as pool:
         run = Run(pool, Deadline.after(seconds))
         simulation = Simulation(scene, plan, run, compile_time, seed)
+        pilot = PricedRounds(simulation)
         # a pilot of two or three paths would say nothing of errors
         with suppress(NotConverged):
             if price < LARGEST_PRICE_IN_PILOT * seconds:
-                simulation.add_paths(max(2 * plan.block, FEWEST_PATHS))
-        elapsed = simulation.seconds
+                simulation.add_paths(pilot.first, pilot.more)
     step_seconds = (
-        elapsed / simulation.steps
-        if simulation.steps
-        else price / (FEWEST_AT_ONCE * plan.steps_per_path)
+        pilot.step_seconds if simulation.steps else price / (FEWEST_AT_ONCE * plan.steps_per_path)
     )
     relative = (
         relative_standard_errors(simulation) if simulation.fine.count >= FEWEST_IN_PILOT else {}
@@ -1146,12 +1152,146 @@ def prospect(
         duration=plan.duration,
         steps_per_path=plan.steps_per_path,
         nanoseconds_per_step=1e9 * step_seconds,
+        start_seconds=start,
         seconds={
-            target: elapsed * (relative[slowest] / target) ** 2 if known and slowest else None
+            target: pilot.seconds_to(target, relative[slowest]) if known and slowest else None
             for target in (0.01, 0.001)
         },
         governed_by=governed_by,
     )
+
+
+KNOWN_ERROR, KNOWN_PATHS = 0.05, 256
+"""Relative error and number of paths from which on a pilot knows errors well: an error of 5 % is
+that of 400 independent events."""
+
+
+SLOW_IMPACTS_PRICE = 10.0
+"""Price of a path whose slow impacts are resolved, over that of one at the usual steps."""
+
+
+def _clock() -> float:
+    """Seconds on a clock that stands still while kernels are compiled."""
+    return time.time() - stood_still()
+
+
+class PricedRounds:
+    """The rounds of a pilot with their times, and the price of a run that follows from them."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self.simulation, self.plan = simulation, simulation.plan
+        self.first = max(self.plan.block, FEWEST_PATHS)
+        self.began = _clock()
+        self.ends: list[tuple[float, int]] = []
+
+    def more(self) -> int:
+        """The paths to add after a round: as many as there are until errors are known."""
+        simulation = self.simulation
+        count = simulation.fine.count
+        self.ends.append((_clock() - self.began, simulation.steps))
+        errors = max(relative_standard_errors(simulation).values(), default=math.inf)
+        known = count >= KNOWN_PATHS and errors <= KNOWN_ERROR and len(self.ends) > 1
+        return 0 if known else max(count, self.first * simulation.run.workers)
+
+    @property
+    def step_seconds(self) -> float:
+        """Wall time of a step of one path, s, with all workers at work."""
+        return self._of_worker / self.simulation.run.workers
+
+    @property
+    def _of_worker(self) -> float:
+        """Time of a worker for a step of one path, s. The first round has a block alone, and the
+        time in which the budget is compared with the price of the first paths."""
+        simulation = self.simulation
+        took, steps, blocks = _clock() - self.began, simulation.steps, 1.0
+        if self.ends:
+            took, steps = self.ends[-1]
+        if len(self.ends) > 1:
+            (before, made), *_ = self.ends
+            blocks = (simulation.fine.count - self.first) / self.plan.block / (len(self.ends) - 1)
+            took, steps = took - before, steps - made
+        return took / steps * min(max(blocks, 1.0), simulation.run.workers)
+
+    @property
+    def _before_round(self) -> float:
+        """Seconds by which the first round is longer than its steps: those of trials of the first
+        paths."""
+        if len(self.ends) < 2:
+            return 0.0
+        took, steps = self.ends[0]
+        return max(0.0, took - steps * self._of_worker)
+
+    def seconds_to(self, target: float, error: float) -> float:
+        """Wall time of a run to a relative error, where the pilot has this one."""
+        simulation, plan = self.simulation, self.plan
+        exposure = simulation.exposure / plan.duration
+        error *= math.sqrt(exposure)  # of one whole path
+        spent, halvings = (0.0, 0) if plan.elastic else self._of_pilots(target, error)
+        paths = self.first
+        price, share = self._price_of(halvings)
+        spent += self._before_round + price * self._of_round(paths, share)
+        while more := more_paths(paths, error / math.sqrt(paths), target):
+            spent += price * self._of_round(more, share)
+            paths += math.ceil(more / plan.block) * plan.block
+        return spent
+
+    def _of_round(self, paths: int, share: float) -> float:
+        """Wall time of a round of paths, of which a share is simulated at twice the step too."""
+        blocks = paths / self.plan.block
+        if blocks > 1.0:
+            workers = self.simulation.run.workers
+            blocks = (
+                math.ceil(blocks / workers) if blocks < workers else math.ceil(blocks) / workers
+            )
+        each = self.plan.steps_per_path * (1.0 if self.plan.elastic else 1.0 + share / 2.0)
+        return blocks * self.plan.block * each * self._of_worker
+
+    def _price_of(self, halvings: int) -> tuple[float, float]:
+        """The price of a path after so many refinements of the plan, over that of one before, and
+        the share of the paths that are simulated at twice the step too."""
+        if halvings and self.plan.finer().steps_per_path == self.plan.steps_per_path:
+            return SLOW_IMPACTS_PRICE * 2.0 ** (halvings - 1), 1.0  # slow impacts are resolved
+        return 2.0**halvings, self.plan.coarse_share
+
+    def _of_pilots(self, target: float, error: float) -> tuple[float, int]:
+        """Wall time of the pilots that choose the step, and how often they halve it, as
+        `choose_step` would: with the biases of this pilot, a quarter at half the step."""
+        biases, spent = self._biases(), 0.0
+        enough = PILOT_SHARE * max((error / target) ** 2, 2.0 * self.plan.block)
+        for halvings in range(MOST_REFINEMENTS + 1):
+            last = halvings == MOST_REFINEMENTS
+            scale = 0.25**halvings
+            paths = max(FEWEST_PATHS, self.plan.block // 4)
+            while True:
+                suffice = paths >= enough
+                low, high = (
+                    max(
+                        (scale * (bias + sign * each / math.sqrt(paths)) for bias, each in biases),
+                        default=0.0,
+                    )
+                    for sign in (-1.0 if suffice else -SIGNIFICANT, 1.0)
+                )
+                if high <= target or suffice or (low > target and not last):
+                    break
+                paths += math.ceil(paths / self.plan.block) * self.plan.block
+            price, _ = self._price_of(halvings)
+            spent += self._before_round + price * self._of_round(paths, 1.0)
+            if high <= target or low <= target or last:
+                return spent, halvings
+        raise AssertionError("the last step ends the search")
+
+    def _biases(self) -> list[tuple[float, float]]:
+        """Relative biases of the governed quantities at the step, and their standard errors from
+        one path at both steps."""
+        simulation, found = self.simulation, []
+        pairs = simulation.pairs.count
+        for key, quantity in governed(simulation.model).items() if pairs > 1 else ():
+            size = _reference_size(simulation, key, simulation.fine.evaluate(quantity)[0])
+            change, error = simulation.difference(quantity)
+            bias, spread = (self.plan.step_bias(key[1], each) for each in (abs(change), error))
+            if key[1] not in RATES and size and bias is not None and spread is not None:
+                found.append((bias / size, spread / size * math.sqrt(pairs)))
+        return found
 
 
 def _spoken(model: Model, key: Key) -> str:
