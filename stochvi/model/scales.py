@@ -89,6 +89,60 @@ def scales_of(
     return None if law is None else (law, scales)
 
 
+SLOW_IMPACTS = 0.05
+"""Slowest impact that rates count by default where a stop loses energy, over the rms speed of its
+gap. At an inelastic stop slow impacts come in clusters without end: their rate converges slowly
+with any resolution, and is infinite below R = exp(-pi / sqrt 3)."""
+
+
+def default_thresholds(model: Model, linear: Model | None = None) -> dict[str, float] | None:
+    """Speed of the slowest impacts that rates count by default, m/s, by pair: the one rule of all
+    methods. F1 and F2 count all impacts.
+
+    It is 0 where no stop of a pair loses energy, else SLOW_IMPACTS of the rms speed of the gap by
+    `scales_of`: with springs and dampers in the place of impacts, of functions, and of what is
+    drawn. None where there is no such linear structure. `linear` is the model `with_linear_part`,
+    where it is known.
+    """
+    if all(_is_elastic(pair) for pair in model.pairs):
+        return {pair.name: 0.0 for pair in model.pairs}
+    try:
+        if linear is None:
+            linear = with_linear_part(model) if model.functions else model
+        linear = linear.with_tables_of_drawn.with_noise_of_drives
+        known = scales_of(linear, linear.modal)
+    except NotApplicable:
+        return None
+    if known is None:
+        return None
+    return {
+        pair.name: default_threshold(pair, math.hypot(scale.speed, speed_of_stop(model, pair)))
+        for pair, scale in zip(model.pairs, known[1], strict=True)
+    }
+
+
+def default_threshold(pair: Pair, speed: float) -> float:
+    """The default threshold of a pair whose gap has this rms speed by `scales_of`, m/s."""
+    return 0.0 if _is_elastic(pair) else SLOW_IMPACTS * speed
+
+
+def _is_elastic(pair: Pair) -> bool:
+    return all(stop.law.restitution == 1.0 for stop in pair.stops)
+
+
+def speed_of_stop(model: Model, pair: Pair) -> float:
+    """Rms speed of the stops of a pair, m/s."""
+    square = 0.0
+    for way, number, sample in pair.moved:
+        if number is not None:
+            signal = model.signals[number]
+            noise = signal.omega**2 * signal.intensity / (2.0 * signal.damping_rate or 1.0)
+            square += (way * signal.omega) ** 2 * (signal.amplitude**2 / 2.0 + noise)
+        if sample is not None:
+            square += (2.0 * math.pi * way) ** 2 * model.sampled_modulations[sample].moment(2.0)
+    return math.sqrt(square)
+
+
 STIRRING = 0.1
 """Damping rate of the noise that stands for a modulation, relative to the frequency of a gap."""
 

@@ -18,7 +18,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 from scipy.linalg import eigh
-from scipy.stats import norm, t
+from scipy.optimize import brentq
+from scipy.stats import norm, t, truncnorm
 
 from stochvi import (
     ConstantLoad,
@@ -48,7 +49,7 @@ from stochvi import (
     transient,
 )
 from stochvi.cli import main
-from stochvi.methods.monte_carlo.choose_plan import make_plan
+from stochvi.methods.monte_carlo.choose_plan import make_plan, plan_several
 from stochvi.model.coverage import natural_modes
 from stochvi.model.model import model_of
 from stochvi.results import Interrupted
@@ -477,6 +478,7 @@ def test_the_command_without_a_scene_says_what_it_takes(capsys) -> None:
 
 
 simulation = importlib.import_module("stochvi.methods.monte_carlo.simulation")
+stationary = importlib.import_module("stochvi.methods.fokker_planck.stationary")
 
 
 def test_what_is_absent_is_told() -> None:
@@ -535,6 +537,44 @@ def test_a_command_has_its_start_beside_the_price() -> None:
     printed = io.StringIO()
     print_explanation(Console(file=printed, width=200), told.with_start(2.0))
     assert "to start: about 2 s, in every run" in printed.getvalue()
+
+
+def balanced_speed(restitution: float) -> float:
+    """Speed s at which b s^2 + (1 - R^2) p s^3 / sqrt(2 pi) is the power of the noise, with p the
+    normal density between both stops: of the oscillator of these tests, with stops at -1 and 1."""
+
+    def missing(s: float) -> float:
+        law = truncnorm(-1.0 / s, 1.0 / s, scale=s)
+        hits = 2.0 * law.pdf(1.0) * s**3 / math.sqrt(2.0 * math.pi)
+        return float(0.1 * s**2 + (1.0 - restitution**2) * hits - 0.1)
+
+    return float(brentq(missing, 0.1, 2.0))
+
+
+def test_all_methods_count_impacts_above_one_speed() -> None:
+    """It is that of the balance of energy where it has a closed form, and one number anywhere."""
+    lossy = oscillator(-1.0, 1.0, 0.8)
+    unit = {"mass": 1.0, "damping": 0.1, "stiffness": 1.0}
+    noise = [WhiteNoise(intensity=0.2)]
+    duffing = Scene(
+        structure=Oscillator(**unit, spring={"kind": "duffing", "cubic_stiffness": 2.0}),
+        impact_pairs=lossy.impact_pairs, excitations=noise,
+    )  # fmt: skip
+    soft = Scene(
+        structure=Oscillator(**unit), excitations=noise,
+        impact_pairs=[ImpactPair(upper=1.0, law=Viscoelastic(stiffness=5.0, damping_ratio=0.2))],
+    )  # fmt: skip
+    truck = load_scene(shipped_scene("isolator-truck"))
+    for scene in (lossy, duffing, soft, truck):
+        model = model_of(scene)
+        plans = [make_plan(model)]
+        plans += [] if model.functions else [plan_several(model, None, None)]
+        counted = {plan.layout.thresholds["stops"] for plan in plans}
+        if scene is not truck:
+            counted.add(stationary._slow(stationary._motion(scene, 0.1, None)))
+        assert len(counted) == 1 and counted.pop() > 0.0
+    plan = make_plan(model_of(lossy))
+    assert plan.layout.thresholds["stops"] == pytest.approx(0.05 * balanced_speed(0.8), rel=1e-6)
 
 
 SOME = (

@@ -35,9 +35,10 @@ from stochvi.methods.fokker_planck.density import (
 )
 from stochvi.methods.fokker_planck.motion import Motion, check_rtol, unmet
 from stochvi.model.build_response import StationaryMoments
-from stochvi.model.coverage import functions
+from stochvi.model.coverage import functions, functions_of_arrays
 from stochvi.model.gap import OscillatorArrays
 from stochvi.model.model import Model, Stop, model_of
+from stochvi.model.scales import SLOW_IMPACTS, default_thresholds
 from stochvi.results.base import Response
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable
@@ -509,11 +510,6 @@ def _ratio(difference: Array, size: Array) -> Array:
 # ------------------------------------------------------------------------------
 
 
-SLOW_IMPACTS = 0.05
-"""Default speed threshold of rates where a stop loses energy, in units of the speed scale. Slower
-impacts are left out of rates, never out of F1 and F2."""
-
-
 COLLAPSES = (
     "{restitution} at the {side} stop is not above exp(-pi / sqrt 3) = 0.163: "
     "infinitely many impacts bring the mass to rest on the stop in finite time. The answer is the "
@@ -546,9 +542,9 @@ def fokker_planck(
         to some 1e-8; rates are brought to 10 %.
     speed_threshold
         Slowest impact that a rate counts, m/s. Default: 0 between elastic stops, else
-        about 5 % of the rms velocity: 5 % of an estimate by the balance of energy. The meshes are
-        made to reach it; a rate too small for them, below 1e-12 of the crossings of the mean, is 0
-        with an upper bound as its bias.
+        5 % of the rms velocity by the rule of all methods (*Conventions* in the manual). The
+        meshes are made to reach it; a rate too small for them, below 1e-12 of the crossings of
+        the mean, is 0 with an upper bound as its bias.
     budget
         Seconds after which no finer mesh is begun; None for no limit.
 
@@ -688,9 +684,10 @@ def _slow(motion: Motion) -> float:
     model = motion.model
     if model.elastic:
         return 0.0
-    if not _all_numbers(model):
+    known = None if functions_of_arrays(model) else default_thresholds(model)
+    if known is None:  # a force that is no function of the library: nothing else is compared
         return SLOW_IMPACTS * math.sqrt(motion.squares[0])
-    return SLOW_IMPACTS * float(speed_scale(OscillatorArrays.of(model))[0])
+    return max(known.values(), default=0.0)
 
 
 def _all_numbers(model: Model) -> bool:

@@ -53,9 +53,10 @@ from stochvi.methods.fokker_planck.motion import (
     unmet_by_first_passage,
     unmet_by_transient,
 )
-from stochvi.methods.fokker_planck.stationary import FASTEST, SLOW_IMPACTS
+from stochvi.methods.fokker_planck.stationary import FASTEST
 from stochvi.model.gap import OscillatorArrays
 from stochvi.model.model import Model, Stop, model_of
+from stochvi.model.scales import SLOW_IMPACTS, default_thresholds
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
@@ -809,7 +810,10 @@ def _problem(model: Model, times: Array, given: StartChoice, threshold: float | 
     walls = restitutions(model.stops)
     own = speed_scale(oscillator)
     if threshold is None:
-        threshold = 0.0 if model.elastic else SLOW_IMPACTS * float(own[0])
+        known = default_thresholds(model)
+        threshold = (
+            SLOW_IMPACTS * float(own[0]) if known is None else max(known.values(), default=0.0)
+        )
     speed = float(boxes_of(oscillator, own, 1.0).speed[0])
     layout = stops_layout(model, lower, upper, walls, speed, start)
     flight, law = _flight(model, start, lower, upper, layout)

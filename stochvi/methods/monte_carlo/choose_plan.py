@@ -65,6 +65,7 @@ from stochvi.model.coverage import (
 )
 from stochvi.model.modal import ModalForm
 from stochvi.model.model import UPPER, Model, Pair, model_of
+from stochvi.model.scales import default_thresholds, with_linear_part
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.files import thread_seconds
@@ -446,15 +447,18 @@ def plan_several(
     model: Model, speed_threshold: float | None, duration: float | None, slow_impacts: bool = False
 ) -> ModalPlan:
     """The plan in modal coordinates, without tables or contacts where the model has none."""
+    threshold: float | Mapping[str, float] | None = speed_threshold
     if model.functions:
-        model = with_linear_part_at_stops(model)
+        linear = with_linear_part(model)
+        threshold = default_thresholds(model, linear) if threshold is None else threshold
+        model = with_linear_part_at_stops(model, linear)
     plan: ModalPlan
     if model.tables or model.drawn or model.sampled_modulations:
-        plan = plan_modal_tables(model, speed_threshold, duration)
+        plan = plan_modal_tables(model, threshold, duration)
     elif model.summed:
-        plan = plan_modal_contacts(model, speed_threshold, duration)
+        plan = plan_modal_contacts(model, threshold, duration)
     else:
-        plan = plan_modal(model, speed_threshold, duration)
+        plan = plan_modal(model, threshold, duration)
     return plan.resolving_slow_impacts() if slow_impacts else plan
 
 

@@ -62,14 +62,22 @@ from stochvi.methods.monte_carlo.white import (
     MOMENT_ANGLE,
     MOST_STEPS,
     block_of,
-    default_threshold,
     longest_at_stops,
     longest_between_stops,
 )
 from stochvi.model.coverage import Settling, compliant, slowest_of, without_noise
 from stochvi.model.modal import LinearLaw, ModalForm, linear_law
 from stochvi.model.model import UPPER, Model, Pair, not_stationary
-from stochvi.model.scales import Motion, PairScale, Scales, form_of, motions_of, scales_of
+from stochvi.model.scales import (
+    Motion,
+    PairScale,
+    Scales,
+    default_threshold,
+    form_of,
+    motions_of,
+    scales_of,
+    speed_of_stop,
+)
 from stochvi.results.errors import NotApplicable
 from stochvi.sampling.calculations import check_flag, stop_flag
 
@@ -144,7 +152,7 @@ class ModalPlan(SteppedPlan):
 
     law: LinearLaw
     pairs: tuple[PairScale, ...]
-    speed_threshold: float | None
+    speed_threshold: float | Mapping[str, float] | None
     merged: bool = False
     statistics: Mapping[str, Statistic] = field(default_factory=dict)
     slow_impacts: bool = False
@@ -271,10 +279,10 @@ class ModalPlan(SteppedPlan):
         return [pair for pair in self.model.pairs if pair.relative]
 
     def _threshold(self, pair: Pair, scale: PairScale) -> float:
-        if self.speed_threshold is not None:
-            return self.speed_threshold
-        elastic = all(stop.law.restitution == 1.0 for stop in pair.stops)
-        return default_threshold(elastic, scale.speed)
+        given = self.speed_threshold
+        if isinstance(given, Mapping):
+            return given[pair.name]
+        return default_threshold(pair, scale.speed) if given is None else given
 
     @property
     def _origin(self) -> Vector:
@@ -1006,7 +1014,10 @@ class ModalUnderway(Underway):
 
 
 def plan_modal(
-    model: Model, threshold: float | None, duration: float | None, settling: Settling = slowest_of
+    model: Model,
+    threshold: float | Mapping[str, float] | None,
+    duration: float | None,
+    settling: Settling = slowest_of,
 ) -> ModalPlan:
     """Choose step, burn-in and length for a scene of any structure with rigid stops, no tables.
 
@@ -1021,8 +1032,8 @@ def plan_modal(
 
 
 def basis(
-    model: Model, threshold: float | None, duration: float | None, scales: Scales = scales_of,
-    settling: Settling = slowest_of,
+    model: Model, threshold: float | Mapping[str, float] | None, duration: float | None,
+    scales: Scales = scales_of, settling: Settling = slowest_of,
 ) -> dict[str, Any]:  # fmt: skip
     """Arguments of every plan in modal coordinates: model, linear law, scales of pairs, step,
     lengths."""
@@ -1042,7 +1053,7 @@ def basis(
     law = law._replace(slowest=_of_own_drives(model) or _of_growing_damping(model, law))
     law = law._replace(slowest=max(settling(model, law.slowest), _between_drives(model)))
     pairs = tuple(
-        scale._replace(speed=math.hypot(scale.speed, _speed_of_stop(model, pair)))
+        scale._replace(speed=math.hypot(scale.speed, speed_of_stop(model, pair)))
         for scale, pair in zip(pairs, model.pairs, strict=True)
     )
     step = _step(model, modes, law, pairs)
@@ -1124,19 +1135,6 @@ def _speed_of_jumps(model: Model, pair: Pair) -> float:
         assert part.drawn is not None
         jump = float(pair.direction @ np.linalg.solve(model.mass, part.direction))
         square += (jump * part.drawn.jump) ** 2
-    return math.sqrt(square)
-
-
-def _speed_of_stop(model: Model, pair: Pair) -> float:
-    """Rms speed of the stops of a pair, m/s."""
-    square = 0.0
-    for way, number, sample in pair.moved:
-        if number is not None:
-            signal = model.signals[number]
-            noise = signal.omega**2 * signal.intensity / (2.0 * signal.damping_rate or 1.0)
-            square += (way * signal.omega) ** 2 * (signal.amplitude**2 / 2.0 + noise)
-        if sample is not None:
-            square += (2.0 * math.pi * way) ** 2 * model.sampled_modulations[sample].moment(2.0)
     return math.sqrt(square)
 
 

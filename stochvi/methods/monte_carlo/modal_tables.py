@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -255,7 +255,7 @@ class ModalContactsPlan(ModalPlan):
 
 
 def plan_modal_contacts(
-    model: Model, threshold: float | None, duration: float | None
+    model: Model, threshold: float | Mapping[str, float] | None, duration: float | None
 ) -> ModalContactsPlan:
     """Choose step, burn-in and length where a stop of some pair is compliant.
 
@@ -908,8 +908,8 @@ def seconds_of_plan(model: Model) -> float:
 
 
 def plan_modal_tables(
-    model: Model, threshold: float | None, duration: float | None, scales: Scales = scales_of,
-    settling: Settling = slowest_of,
+    model: Model, threshold: float | Mapping[str, float] | None, duration: float | None,
+    scales: Scales = scales_of, settling: Settling = slowest_of,
 ) -> ModalTablesPlan:  # fmt: skip
     """Choose sampling and lengths for a structure of any kind with tabulated noise, by the `scales`
     of its motion.

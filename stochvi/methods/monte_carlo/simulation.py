@@ -812,7 +812,8 @@ def simulate(
         The scene.
     speed_threshold
         Impacts slower than this (m/s) are left out of the rates, never out of F1 and F2. By
-        default 0, or 5 % of the rms velocity where a stop loses energy.
+        default 0, or 5 % of the rms velocity where a stop loses energy, by the rule of all
+        methods (*Conventions* in the manual).
     slow_impacts
         Refine the steps near a stop until impacts at the threshold are resolved, for the rates
         under white noise at restitutions below 0.5. With several coordinates all steps are a

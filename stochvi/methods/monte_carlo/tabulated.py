@@ -67,10 +67,10 @@ from stochvi.methods.monte_carlo.white import (
     COARSE_SHARE,
     CONTACT_ROWS,
     StopsOfMass,
-    default_threshold,
     pressing,
     pressing_onto,
     stops_of_mass,
+    threshold_of,
 )
 from stochvi.model.model import Model, Signal, Stop
 from stochvi.results.errors import NotApplicable
@@ -780,7 +780,7 @@ def plan_tabulated(model: Model, threshold: float | None, duration: float | None
     if too_stiff := _too_stiff(model, speed, length / samples):
         raise NotApplicable("simulate", too_stiff)
     if threshold is None:
-        threshold = default_threshold(model.elastic, speed)
+        threshold = threshold_of(model, speed)
     return TabulatedPlan(
         model=model,
         tables=tables,

@@ -71,14 +71,16 @@ from stochvi.model.gap import GibbsLaw
 from stochvi.model.modal import LinearLaw
 from stochvi.model.model import UPPER, FunctionOfMotion, Model, Pair, Stop
 from stochvi.model.scales import (
+    SLOW_IMPACTS,
     Motion,
     PairScale,
+    default_threshold,
+    default_thresholds,
     fastest_rate,
     is_positive,
     motions_of,
     scales_of,
     with_affine,
-    with_linear_part,
 )
 from stochvi.results.errors import NotApplicable
 from stochvi.sampling.calculations import stop_flag
@@ -233,7 +235,7 @@ class WhitePlan(SteppedPlan):
         held = self._lossiest <= COLLAPSE_RESTITUTION and self.model.load != 0.0
         if held and name == "impact_speed_square_rate":
             return None
-        usual_threshold = self.threshold >= default_threshold(self.elastic, self.speed)
+        usual_threshold = self.elastic or self.threshold >= RESOLVED_SPEED * self.speed
         resolved = usual_threshold and not self._pressed
         return bias_of_plain_step(name, difference, self._lossiest, resolved)
 
@@ -560,7 +562,7 @@ def plan_white(
         step=step,
         burn_in=burn_in,
         duration=length,
-        threshold=default_threshold(model.elastic, speed) if threshold is None else threshold,
+        threshold=threshold_of(model, speed) if threshold is None else threshold,
         slow_impacts=slow_impacts,
         corner_share=corner_share,
     )
@@ -597,13 +599,18 @@ def block_of(steps_per_path: int, longest: float) -> int:
     return max(FEWEST_LANES, fitting - fitting % FEWEST_LANES)
 
 
-def default_threshold(elastic: bool, speed: float) -> float:
-    """Default speed in m/s of the slowest impacts that rates count; F1 and F2 count all impacts.
+RESOLVED_SPEED = 0.999 * SLOW_IMPACTS
+"""Speed from which on the usual steps resolve impacts, over the rms speed: the default threshold,
+which is of the rms speed by a linear structure."""
 
-    At an inelastic stop slow impacts come in clusters without end: their rate converges slowly
-    with any resolution, and is infinite below R = exp(-pi / sqrt 3).
-    """
-    return 0.0 if elastic else 0.05 * speed
+
+def threshold_of(model: Model, speed: float) -> float:
+    """The default threshold of one oscillator, m/s; by its rms speed where no linear structure is
+    found."""
+    known = default_thresholds(model)
+    if known is None:
+        return max(default_threshold(pair, speed) for pair in model.pairs)
+    return max(known.values(), default=0.0)
 
 
 def expected_speed(model: Model) -> float:
@@ -906,7 +913,7 @@ def plan_compliant(
         step=step,
         burn_in=burn_in,
         duration=length,
-        threshold=default_threshold(model.elastic, speed) if threshold is None else threshold,
+        threshold=threshold_of(model, speed) if threshold is None else threshold,
     )
 
 
@@ -951,13 +958,13 @@ PARALLEL = 1e-9
 """Largest relative difference of a spring's direction from that of a gap along which it acts."""
 
 
-def with_linear_part_at_stops(model: Model) -> Model:
+def with_linear_part_at_stops(model: Model, statistical: Model) -> Model:
     """The model with linear parts of its functions that allow steps of the usual length at stops.
 
-    They are those of statistical linearisation, unless these shorten the step. A spring along a gap
-    then has the linear part that meets its force at the stops, if that allows longer steps.
+    They are those of the model by statistical linearisation, unless these shorten the step. A
+    spring along a gap then has the linear part that meets its force at the stops, if that allows
+    longer steps.
     """
-    statistical = with_linear_part(model)
     usual, at_stops = _longest_of(statistical)
     if at_stops >= usual:
         return statistical
