@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -156,8 +156,11 @@ BOX_SPEED = (
 exp(-c |v|^3). The last entry continues the slope before it; it has no effect, since elastic stops
 have no share in the losses."""
 
-_DENSITY = scipy.interpolate.PchipInterpolator(BOX_RESTITUTION, BOX_DENSITY)
-_SPEED = scipy.interpolate.PchipInterpolator(BOX_RESTITUTION, BOX_SPEED)
+
+@cache
+def _of_box(values: tuple[float, ...]) -> scipy.interpolate.PchipInterpolator:
+    """A table of boxes as a function of the restitution."""
+    return scipy.interpolate.PchipInterpolator(BOX_RESTITUTION, values)
 
 
 def rigid_closure(gap: Gap, box: bool = False) -> Form:
@@ -180,7 +183,8 @@ def curvature_floor(restitutions: Iterable[float], box: bool = False) -> float:
     nothing drives there.
     """
     wanted = max(
-        1.0 / ((1.0 + r) * (min(float(_DENSITY(r)), 1.0) if box else 1.0)) for r in restitutions
+        1.0 / ((1.0 + r) * (min(float(_of_box(BOX_DENSITY)(r)), 1.0) if box else 1.0))
+        for r in restitutions
     )
 
     def excess(curvature: float) -> float:
@@ -257,7 +261,7 @@ def _closed(
 
 def _boxed(gap: Gap, hits: list[StopStatistics], speed: float) -> list[StopStatistics]:
     """Statistics of the stops, by the law of a box as far as impacts take the energy."""
-    strengths = [float(_DENSITY(stop.law.restitution)) for stop in gap.stops]
+    strengths = [float(_of_box(BOX_DENSITY)(stop.law.restitution)) for stop in gap.stops]
     loss = sum(
         (1.0 - stop.law.restitution_mean_square)
         * strength
@@ -269,7 +273,7 @@ def _boxed(gap: Gap, hits: list[StopStatistics], speed: float) -> list[StopStati
 
     def boxed(stop: Stop, strength: float, own: StopStatistics) -> StopStatistics:
         number = strength ** math.sqrt(share)
-        speeds = float(_SPEED(stop.law.restitution)) ** share
+        speeds = float(_of_box(BOX_SPEED)(stop.law.restitution)) ** share
         return StopStatistics(
             number * own.rate,
             number * own.speed_rate,
