@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 from statsmodels.stats.proportion import proportion_confint
 
 from stochvi import (
@@ -36,6 +37,7 @@ from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.kernels.one_mass import HAPPENED
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pair, seed_streams
 from stochvi.methods.monte_carlo.missions import (
+    RARE_BIAS,
     Fleet,
     MissionPlan,
     Sample,
@@ -59,7 +61,7 @@ from stochvi.methods.monte_carlo.plan import (
 )
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotConverged
-from stochvi.results.estimates import Estimate
+from stochvi.results.estimates import Estimate, logarithmic_interval
 from stochvi.scenes.datasets import zoo_files
 from stochvi.scenes.impact_laws import Law
 from stochvi.testing import assert_agrees
@@ -660,3 +662,42 @@ def test_a_step_of_twice_the_length_has_the_noise_of_both(scene: Scene) -> None:
     assert ratio < 0.75
     # negative control: the noise of each step for itself
     assert off(False, 0.125 * plan.step) > 0.5
+
+
+def fast_impacts(plan: MissionPlan, seed: int) -> Estimate:
+    """Expected impacts of a mission at the limit and faster, from twenty repetitions."""
+    levels = pilot_levels(plan, 5).levels
+    trials = [repetition(plan, levels, seed, True, 1024 * i, 1024) for i in range(20)]
+    found = of_repetitions(trials)
+    return Estimate(
+        value=found.hits, standard_error=found.hits_error, bias=RARE_BIAS * found.hits, how="test"
+    )
+
+
+@pytest.mark.slow
+def test_intervals_of_rare_fast_impacts_hold_the_rate_of_fokker_and_planck() -> None:
+    """They are 4.5 times as fast as the rms speed: two in ten million missions. Steps of half a
+    flight, which are short enough for ordinary impacts, made them 40 % too many."""
+    speed, mission = 3.5, 20.0
+    scene = oscillator(-1.0, 1.0, 0.8)
+    rate = fokker_planck(scene, speed_threshold=speed).impact_pairs["stops"]["collision_rate"]
+    truth, doubt = mission * rate.value, mission * (rate.bias or 0.0)
+    plan = impact_plan(model_of(scene), mission, "stationary", speed)
+    plan = replace(plan, base=replace(plan.base, threshold=speed))
+    found = [fast_impacts(plan, seed) for seed in range(6)]
+    held = 0
+    for each in found:
+        lower, upper = logarithmic_interval(
+            each.value, each.standard_error, 19, bias=(each.bias or 0.0) + doubt
+        )
+        held += lower <= truth <= upper
+    assert held >= binom.ppf(0.005, len(found), 0.95)
+    values = np.array([each.value for each in found])
+    error = math.hypot(*(each.standard_error for each in found)) / len(found)
+    mean = Estimate(
+        value=float(values.mean()), standard_error=error, how="test",
+        bias=RARE_BIAS * float(values.mean()) + doubt,
+    )  # fmt: skip
+    assert_agrees(mean, truth)
+    with pytest.raises(AssertionError):  # the negative control
+        assert_agrees(mean, 1.4 * truth)
