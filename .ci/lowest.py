@@ -22,7 +22,9 @@ PART = (
 )  # fmt: skip
 """Rooms that meet all dependencies, and need few kernels."""
 
-TOOLS = ("pytest", "pytest-random-order", "hypothesis", "mpmath", "jsonschema", "xarray")
+TOOLS = (
+    "pytest", "pytest-random-order", "pytest-xdist", "hypothesis", "mpmath", "jsonschema", "xarray",
+)  # fmt: skip
 """What this part of the suite needs, in versions that pip chooses: no user needs it."""
 
 PICTURES = ("demo", "size")
@@ -68,7 +70,7 @@ def main() -> None:
         for name in PICTURES:
             if not list((home / name).rglob("*.png")):
                 sys.exit(f"{name} has drawn no picture")
-        run("python", "-m", "pytest", "-q", *PART)
+        run("python", "-m", "pytest", "-q", "--disable-warnings", "-n", "auto", *PART)
 
 
 if __name__ == "__main__":

@@ -642,7 +642,7 @@ def test_a_curve_of_clearances_needs_stops(tmp_path: Path) -> None:
         '[[excitation]]\nkind = "psd"\nprofile = "mil-std-810h-truck-vertical-5hz"\n'
     )
     found = CliRunner().invoke(main, ["clearance", str(path)])
-    assert found.exit_code == 2 and "the scene needs an impact_pair" in found.stderr
+    assert found.exit_code == 2 and "the scene needs an impact_pair" in found.output
 
 
 # ------------------------------------------------------------------------------

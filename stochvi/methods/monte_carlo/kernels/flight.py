@@ -510,6 +510,7 @@ def flow_with_impacts(x, v, flow, lower, upper, threshold, sums, page, word, str
     h, cosine, sine, stiff = flow
     x1 = cosine * x + sine * v
     v1 = cosine * v - stiff * sine * x
+    position, usual, restitution, speed, s_r, c_r = x, 1.0, 1.0, 0.0, 0.0, 1.0
     for bounces in range(MOST_BOUNCES + 1):
         energy = v * v + stiff * x * x
         up = False
