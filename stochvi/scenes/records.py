@@ -23,6 +23,7 @@ from stochvi.mathematics.spectra import (
     welch,
 )
 from stochvi.mathematics.units import checked
+from stochvi.results.deadline import in_command
 from stochvi.results.errors import SceneError
 from stochvi.results.estimates import jackknife_error
 from stochvi.scenes.readers import TIME_RESPONSE, Columns, read_columns
@@ -432,7 +433,8 @@ def read_record(
         identity = found.st_ino, found.st_size, found.st_mtime_ns
     except (OSError, ValueError):
         identity = 0, 0, 0  # what reads it says why
-    return _read_once(path, identity, fs, column, variables, dataset, gaps, fewest)
+    with in_command():
+        return _read_once(path, identity, fs, column, variables, dataset, gaps, fewest)
 
 
 @lru_cache(maxsize=2, typed=True)
@@ -651,8 +653,8 @@ def _in_single_precision(times: Vector) -> Vector | None:
     """Times in single precision as they were before they were written; None for others."""
     single = times.astype(np.float32)
     found = single.astype(float)
-    written = [_multiples(times, 10.0**-decimals) for decimals in range(MOST_DIGITS)]
-    decimal = 10.0 ** -(written.index(True) if True in written else MOST_DIGITS)
+    written = (each for each in range(MOST_DIGITS) if _multiples(times, 10.0**-each))
+    decimal = 10.0 ** -next(written, MOST_DIGITS)
     coarser = np.spacing(np.abs(single)) > decimal
     if not coarser.any():
         return None

@@ -12,7 +12,7 @@ import math
 import re
 from array import array
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
@@ -618,6 +618,9 @@ LARGE_TEXT = 1_000_000
 PART = 100_000
 """Length of each part of a large text from which its layout is found, bytes."""
 
+PIECE = 4_000_000
+"""Length of each part of a large text that is read at once, bytes: some tenths of a second."""
+
 PLAIN_BYTES = b"0123456789+-.eE,; \t|\r\n"
 """Bytes of plain rows of numbers."""
 
@@ -942,13 +945,25 @@ def _read_at_once(path: Path, names: Sequence[str]) -> TextTable | None:
     if ends := len(first) - len(first.rstrip(sign)):  # delimiters that end the lines
         body = (body + b"\n").replace(ends * sign + b"\n", b"\n").rstrip(b"\n")
     try:
-        found = np.loadtxt(io.BytesIO(body), delimiter=part.delimiter, comments=None, ndmin=2)
+        found = np.concatenate([
+            np.loadtxt(io.BytesIO(lines), delimiter=part.delimiter, comments=None, ndmin=2)
+            for lines in _pieces(body)
+        ])  # fmt: skip
     except ValueError:
         return None
     if found.shape != (body.count(b"\n") + 1, len(part.headings)):
         return None
     found[~np.isfinite(found)] = np.nan
     return replace(part, lines=PlainRows(part.lines[0], len(found)), values=found)
+
+
+def _pieces(body: bytes) -> Iterator[bytes]:
+    """Lines in pieces: between two of them Python hears of Ctrl-C."""
+    start = 0
+    while start < len(body):
+        end = body.find(b"\n", start + PIECE) + 1 or len(body)
+        yield body[start:end]
+        start = end
 
 
 def _table_of(path: Path, written: str, names: Sequence[str]) -> TextTable:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ from scipy.io import savemat
 
 from stochvi import RecordedNoise, SceneError, TabulatedNoise, linearise, replay, screen
 from stochvi.mathematics.spectra import MOST_BREAKPOINTS, response_moments
+from stochvi.results.deadline import Deadline, of_command
+from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.readers import TIME_RESPONSE
 from stochvi.scenes.records import Record, read_record, response_error, wanted_resolution
@@ -592,3 +595,19 @@ def test_an_hour_of_a_fast_logger_has_a_density_that_a_table_can_hold(tmp_path: 
     # the same lines asked for by hand are refused with those that there can be
     with pytest.raises(ValueError, match=r"expected 0\.00526 to"):
         RecordedNoise(file=str(tmp_path / "hour.npy"), unit="m/s2", fs=1000.0, resolution_hz=1e-3)
+
+
+def test_a_record_is_read_no_longer_than_the_budget_of_its_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also after its lines were read: its clock and its gaps take as long."""
+
+    def endless(*_: object) -> None:
+        while True:
+            time.sleep(0.01)
+
+    file = tmp_path / "run.csv"
+    file.write_text("".join(f"{n / 100:.2f},{n % 7}\n" for n in range(300)))
+    monkeypatch.setattr("stochvi.scenes.records._sampling", endless)
+    with of_command(Deadline.after(1e-3)), pytest.raises(NotConverged, match="raise budget"):
+        read_record(file)

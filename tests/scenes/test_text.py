@@ -418,6 +418,7 @@ def test_a_large_file_that_is_read_at_once_is_what_it_is_line_by_line(
     def found(large: int) -> str | tuple[list[list[float]], list[int], str | None]:
         monkeypatch.setattr("stochvi.scenes.text_tables.LARGE_TEXT", large)
         monkeypatch.setattr("stochvi.scenes.text_tables.PART", 2000)
+        monkeypatch.setattr("stochvi.scenes.text_tables.PIECE", 1500)
         try:
             table = read_text_table(file, ("time", "acceleration"))
             columns = table.columns(0, 1)
