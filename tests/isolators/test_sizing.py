@@ -57,6 +57,7 @@ from stochvi.mathematics.unsteady_noise import FastPeaks, MovingMean
 from stochvi.methods.monte_carlo.kernels.flight import EXTREMES, FASTEST
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import Model, model_of
+from stochvi.results.deadline import Overdue
 from stochvi.results.estimates import GAUSSIAN_95, Estimate, spoken_percent
 from stochvi.sampling.run import Run
 from stochvi.scenes.impact_laws import ForceTable, Law
@@ -67,7 +68,7 @@ from stochvi.statistics.crossings import PairMotion, first_crossings, one_gap
 from stochvi.testing import assert_agrees
 from stochvi.verification.testing.judging import Z
 from stochvi.views.sizing import plot_risk
-from support.mounts import HOUR, ten_hertz, truck
+from support.mounts import HOUR, isolator, ten_hertz, truck
 from support.sized import MOUNT, TRUCK, scene_between_stops, sizing_of
 
 HALF = Restitution(coefficient=0.5)
@@ -1116,3 +1117,19 @@ def test_what_is_not_followed_beside_fast_peaks_is_refused() -> None:
         size(mount(), rate=1e-3)
     with pytest.raises(ValueError, match="pair must be left out"):
         sized(mount(), mission=10.0, pair="upper")
+
+
+def test_impacts_that_take_far_longer_than_the_budget_lose_no_clearance(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = isolator(4e-3, restitution=1.0)
+    whole = size(scene, probability=0.01, mission=HOUR, rel_error=0.2)
+
+    def overdue(*_: object) -> NoReturn:
+        raise Overdue
+
+    monkeypatch.setattr(search, "count_impacts", overdue)
+    found = size(scene, probability=0.01, mission=HOUR, rel_error=0.2)
+    assert found.clearance == whole.clearance and not whole.fell_short
+    assert found.expected_hits is None
+    assert any("not known: the budget ended" in each for each in found.fell_short)

@@ -22,6 +22,7 @@ from stochvi.isolators.tolerances import Tolerances
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.model.coverage import scene_notes
 from stochvi.model.model import model_of
+from stochvi.results.deadline import Overdue
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import TOO_FEW, Estimate, provenance, spoken_percent
 from stochvi.sampling.run import Run
@@ -423,7 +424,8 @@ class SizingMethod(ABC):
 class SizingJob:
     """One sizing: its question, and the findings on the way.
 
-    `by` makes the method from the job, whose run and warnings it uses.
+    `by` makes the method from the job, whose run and warnings it uses. It is `patient` until it was
+    ended long after its budget.
     """
 
     scene: Scene
@@ -435,6 +437,7 @@ class SizingJob:
     unfinished: dict[float, str] = field(default_factory=dict)
     exceeded: dict[float, Estimate] = field(default_factory=dict)
     kept_with: Estimate | None = None
+    patient: bool = True
 
     def __post_init__(self) -> None:
         self.target, self.mission, self.run = self.asked.target, self.asked.mission, self.asked.run
@@ -834,7 +837,7 @@ class SizingJob:
         if self.deadline.interrupted:
             self.warnings.append(f"the impacts at {where} were not simulated")
             return None
-        if self.deadline.passed() and not self.method.late_hits:
+        if self.deadline.passed() and not (self.method.late_hits and self.patient):
             self.short(f"the impacts at {where} are not known: the budget ended")
             return None
         try:
@@ -844,6 +847,10 @@ class SizingJob:
             (self.warnings.append if known else self.short)(
                 f"the impacts at {where} are not known: {reason}"
             )
+            return None
+        except Overdue:  # the answer without them is known
+            self.patient = False
+            self.short(f"the impacts at {where} are not known: the budget ended")
             return None
 
     def warn(self, trial: PlaceTrial | None, marked: Mapping[str, float]) -> None:
