@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[1]
 
 PART = (
     "tests/results", "tests/scenes/test_scenes.py", "tests/scenes/test_schema.py",
-    "tests/mathematics", "tests/views/test_tables.py", "tests/cli/test_quantities.py",
+    "tests/mathematics",
 )  # fmt: skip
 """Rooms that meet all dependencies, and need few kernels."""
 
