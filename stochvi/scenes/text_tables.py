@@ -325,7 +325,7 @@ def _names_columns(cells: Sequence[str]) -> bool:
     if any(map(is_number, cells)):
         return False
     if ROW_OF_UNITS.match(cells[0]):
-        return len(cells) > 2
+        return len(cells) > 2 or cells[0] == "Y_Unit_Label"
     if _all_units(cells):
         return True
     stated = [known for cell in cells if (known := unit_in(cell))]
@@ -970,6 +970,8 @@ def _table_of(path: Path, written: str, names: Sequence[str]) -> TextTable:
     """The rows and headings of a text, as `read_text_table` finds them in a file."""
     needed, wanted = len(names), f"{_counted(len(names))} ({', '.join(names)})"
     text = _plainly_written(written.replace("\r\n", "\n").replace("\r", "\n"))
+    if text.startswith("LabVIEW Measurement"):
+        text = _as_one_packet(text)
     lines = [
         (number, line)
         for number, line in enumerate(text.split("\n"), start=1)
@@ -1068,6 +1070,66 @@ def _plainly_written(text: str) -> str:
     if DAY_FIRST.search(text):
         text = DAY_FIRST.sub(_iso_stamp, text)
     return SPLIT_STAMP.sub(r"\1T", text) if SPLIT_STAMP.search(text) else text
+
+
+def _as_one_packet(text: str) -> str:
+    """A file of LabVIEW as one table, line by line, without the headers of later packets of rows
+    and without remarks beside rows.
+
+    Times that are not written come from the header of their packet. Those that begin anew are later
+    by the difference of the time stamps of two packets.
+    """
+    sign = "," if re.search(r"^Separator,", text, re.M) else "\t"
+    point = "," if re.search(r"^Decimal_Separator\W,", text, re.M) else "."
+    about: dict[str, list[str]] = {}
+    begun: tuple[int, float] | None = None
+    packets, row, last, later, found = 0, -1, -math.inf, 0.0, []
+    for line in text.split("\n"):
+        key, *cells = (cell.strip() for cell in line.split(sign))
+        if key == "Channels":
+            row = -1
+        if row < 0:
+            about[key] = cells
+            found.append("" if packets else line)
+            if key == "X_Value":
+                packets, row = packets + 1, 0
+            continue
+        unwritten = about.get("X_Columns", [""])[0] == "No"
+        if unwritten and any(cells):
+            start, step = (_number(about.get(name, [""])[0], point) for name in ("X0", "Delta_X"))
+            key = str(start + row * step)
+        time = _number(key, point)
+        if not math.isfinite(time):  # a blank line; or one that is refused by its number
+            found.append(line)
+            continue
+        if row == 0:
+            stamp = _labview_stamp(about)
+            begun = begun or stamp
+            later = 0.0
+            if stamp and begun and time <= last:
+                later = (stamp[0] - begun[0]) * 86400.0 + stamp[1] - begun[1]
+        row, last = row + 1, time + later
+        if unwritten or later:
+            key = f"{last:.15g}".replace(".", point)
+        channels = int(_number(about["Channels"][0], point))
+        columns = 2 * channels if about.get("X_Columns") == ["Multi"] else 1 + channels
+        found.append(sign.join([key, *cells][:columns]))
+    return "\n".join(found)
+
+
+def _number(cell: str, point: str) -> float:
+    """The number in a cell, or NaN."""
+    return float(cell.replace(point, ".")) if is_number(cell) else math.nan
+
+
+def _labview_stamp(about: dict[str, list[str]]) -> tuple[int, float] | None:
+    """Day, and second of it, at which a packet of rows begins."""
+    try:
+        day = datetime.strptime(about["Date"][0], "%Y/%m/%d").toordinal()
+        hours, minutes, seconds = about["Time"][0].replace(",", ".").split(":")
+        return day, 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds)
+    except (KeyError, IndexError, ValueError):
+        return None
 
 
 def _iso_stamp(found: re.Match[str]) -> str:

@@ -317,6 +317,53 @@ def test_a_labview_record_has_its_names_and_its_units(tmp_path: Path) -> None:
         RecordedNoise(file=str(path), column="Top Z", unit="g")
 
 
+def labview_in_packets(kind: str, channels: int = 1) -> str:
+    """1000 samples at 500 Hz in four packets, each with a header of its own."""
+    names, units = ["Base Z", "Top Z"][:channels], ["g", "V"][:channels]
+    lines = [
+        "LabVIEW Measurement\t", f"X_Columns\t{'No' if kind == 'no times' else 'One'}",
+        "***End_of_Header***\t", "\t",
+    ]  # fmt: skip
+    for first in range(0, 1000, 250):
+        started = 59.2 + (first / 500 if kind == "anew" else 0.0)
+        lines += [
+            f"Channels\t{channels}\t", "Date" + "\t2025/03/12" * channels + "\t",
+            "Time" + f"\t23:59:{started:.7f}" * channels + "\t",
+            "Y_Unit_Label\t" + "\t".join(units) + "\t", f"X0\t{first / 500}\t",
+            "Delta_X" + "\t2.0E-3" * channels + "\t", "***End_of_Header***\t\t\t",
+            "\t".join(["X_Value", *names, "Comment"]),
+        ]  # fmt: skip
+        for n in range(first, first + 250):
+            time = (n - first * (kind == "anew")) / 500
+            values = [f"{np.sin(n):.6f}", f"{0.5 * np.sin(n):.6f}"][:channels]
+            row = ["" if kind == "no times" else f"{time:.6f}", *values]
+            lines.append("\t".join(row + ["begun"] * (kind == "remarks" and n == first)))
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("channels", [1, 2])
+@pytest.mark.parametrize("kind", ["in turn", "anew", "no times", "remarks"])
+def test_labview_packets_are_one_record(tmp_path: Path, kind: str, channels: int) -> None:
+    path = tmp_path / "run.lvm"
+    path.write_text(labview_in_packets(kind, channels))
+    found = RecordedNoise(file=str(path), column="Base Z").record
+    values = STANDARD_GRAVITY * np.round(np.sin(np.arange(1000.0)), 6)
+    assert found.fs == pytest.approx(500.0) and not found.gaps
+    np.testing.assert_allclose(found.values, values - values.mean(), atol=1e-12)
+
+
+def test_labview_packets_that_were_apart_have_gaps_between_them(tmp_path: Path) -> None:
+    """The last one begins 5.8 s after the first, beyond midnight, and the third ends at 1.5 s."""
+    path = tmp_path / "run.lvm"
+    stamp = "Date\t2025/03/1{}\t\nTime\t{}\t"
+    text = labview_in_packets("anew")
+    changed = text.replace(stamp.format(2, "23:59:60.7000000"), stamp.format(3, "00:00:05.0"))
+    assert changed != text
+    path.write_text(changed)
+    with pytest.raises(SceneError, match=r"a gap \(4\.3 s at 1\.5 s\)"):
+        RecordedNoise(file=str(path), column="Base Z")
+
+
 def test_values_below_a_header_in_words(tmp_path: Path) -> None:
     path = tmp_path / "run.dat"
     values = [f"{np.sin(n):+.4e}" for n in range(400)]
