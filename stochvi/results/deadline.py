@@ -292,6 +292,10 @@ class Deadline:
         """Whether the moment is over, or Ctrl-C was heard."""
         return self.interrupted or time.time() >= self.due
 
+    def passed_by(self, seconds: float) -> bool:
+        """Whether the moment is over for so many seconds, or Ctrl-C was heard."""
+        return self.interrupted or time.time() >= self.due + seconds
+
     @property
     def interrupted(self) -> bool:
         """Whether Ctrl-C was heard since the deadline was made (see `graceful_interrupt`)."""

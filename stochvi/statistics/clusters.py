@@ -883,6 +883,11 @@ INDEPENDENT = "each phase starts in its own stationary motion, and phases are in
 """Assumption of missions of several phases."""
 
 
+LATE_SECONDS = 0.5
+"""Seconds after the end of the budget until which a further part of a mission is begun: the least
+answer of a part takes some tenths of a second, and there may be a hundred."""
+
+
 def parts_of_mission(run: Run, durations: Mapping[str, float]) -> Iterator[tuple[str, Run]]:
     """The names of parts, each with its part of a run. Parts have paths of their own, so that their
     errors are independent."""
@@ -893,21 +898,36 @@ def parts_of_mission(run: Run, durations: Mapping[str, float]) -> Iterator[tuple
 
 
 def asked_in_parts(
-    run: Run, durations: Mapping[str, float], ask: Callable[[str, Run], Answer]
-) -> tuple[dict[str, Answer], dict[str, str]]:
+    run: Run, durations: Mapping[str, float], ask: Callable[[str, Run], Answer], *,
+    all_needed: bool = True,
+) -> tuple[dict[str, Answer], dict[str, str]]:  # fmt: skip
     """The answer for each part of a mission by name, and why what was not found as accurately as
-    asked for was not: by event, where an answer tells its events apart."""
+    asked for was not: by event, where an answer tells its events apart.
+
+    A part may have no answer where not all are needed, as long as another one has; once the budget
+    is over, no more parts are begun then.
+    """
     found: dict[str, Answer] = {}
     missing: dict[str, str] = {}
+    late: list[str] = []
     for name, part in parts_of_mission(run, durations):
+        if found and not all_needed and run.deadline.passed_by(LATE_SECONDS):
+            late.append(name)
+            continue
         try:
             found[name] = ask(name, part)
         except (NotConverged, Interrupted) as error:
-            if error.partial is None:
+            if error.partial is None and (all_needed or not found):
                 raise
+            if error.partial is None:
+                missing[f"{name}, answer"] = str(error)
+                continue
             found[name] = error.partial
             reasons = getattr(error.partial, "missing", None) or {"accuracy": str(error)}
             missing |= {f"{name}, {event}": why for event, why in reasons.items()}
+    if late:
+        names = " to ".join(dict.fromkeys((late[0], late[-1])))
+        missing[f"{names}, answer"] = "no time was left; raise budget"
     return found, missing
 
 
@@ -918,6 +938,12 @@ def complete(
     if run.deadline.interrupted:
         raise run.deadline.fell_short(f"before the {of} was found", "", answer)
     if missing:
-        reasons = "; ".join(f"{name.replace('_', ' ')}: {why}" for name, why in missing.items())
+        alike: dict[str, list[str]] = {}
+        for name, why in missing.items():
+            alike.setdefault(why, []).append(name.replace("_", " "))
+        reasons = "; ".join(
+            names[0] + (f" and {len(names) - 1} more" if len(names) > 1 else "") + f": {why}"
+            for why, names in alike.items()
+        )
         raise NotConverged(f"{where} {reasons}", answer)
     return answer

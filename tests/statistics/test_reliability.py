@@ -54,6 +54,7 @@ from stochvi.statistics.reliability.missions import (
     Reliability,
     _together,
     joint_chance,
+    of_phases,
 )
 from stochvi.statistics.trial_splitting import Levels, moved, pilot, repetition
 from stochvi.testing import assert_agrees
@@ -629,6 +630,34 @@ def test_impacts_that_were_not_seen_in_a_phase_do_not_count_as_none() -> None:
     assert found.hits is not None and not missing
     assert found.hits.value == 0.03 and found.hits.bias == pytest.approx(0.002)
     assert found.hits_interval is not None and found.hits_interval[1] > 0.0325
+
+
+def test_a_phase_without_an_answer_leaves_what_is_known_of_the_others() -> None:
+    """The probability is at least that of the phases that have one, and at most what Rice's number
+    of crossings of the other allows; the impacts of a mission are not told without it."""
+    scene = mission([ROAD, ROUGH])
+    one = reliability(scene.in_phase("rough"), mission=600.0, rel_error=0.5, seed=1)
+    began: list[str] = []
+
+    def ask(phase: Scene, duration: float, run: SampledRun) -> Reliability:
+        began.append(str(duration))
+        if len(began) > 1:
+            raise NotConverged("the budget ended before two paths were simulated; raise budget")
+        return one
+
+    with run_of(0.5) as run, pytest.raises(NotConverged) as short:
+        of_phases(scene, ask, run)
+    found = short.value.partial
+    assert isinstance(found, Reliability) and len(began) == 2
+    hit, alone = found.chances["hit"], one.chances["hit"]
+    assert hit.estimate.value == pytest.approx(alone.estimate.value)
+    assert hit.lower == pytest.approx(alone.lower) and hit.upper >= alone.upper
+    assert found.hits is None and found.hits_interval is None
+    assert list(found.missing) == ["rough, answer"] and "raise budget" in str(short.value)
+    # where no phase has one there is none
+    with run_of(0.5) as run, pytest.raises(NotConverged, match="two paths") as none:
+        of_phases(scene, ask, run)
+    assert none.value.partial is None
 
 
 def test_two_halves_are_one_mission() -> None:

@@ -272,18 +272,26 @@ def of_phases(
     Raises
     ------
     NotConverged, Interrupted
-        If a phase was not found as accurately as asked for; with the answer so far, where every
-        phase that matters has one.
+        If a phase was not found as accurately as asked for; with the answer so far. A phase that
+        has none leaves the probability as uncertain as Rice's number of its crossings.
     """
     scenes = {phase.name: phase.of(scene) for phase in scene.phases}
     durations = {phase.name: phase.duration for phase in scene.phases}
     idle = _idle(scenes, durations)
     busy = {name: duration for name, duration in durations.items() if name not in idle}
     found, missing = asked_in_parts(
-        run, busy, lambda name, part: ask(scenes[name], durations[name], part)
+        run, busy, lambda name, part: ask(scenes[name], durations[name], part), all_needed=False
     )
     like = next(iter(found.values()))
+    unknown = {
+        name: min(_most_hits(scenes[name], durations[name]) or 1.0, 1.0)
+        for name in busy
+        if name not in found
+    }
     found |= {name: _never_hit(like, durations[name], most) for name, most in idle.items()}
+    found |= {
+        name: _never_hit(like, durations[name], most, NO_ANSWER) for name, most in unknown.items()
+    }
     answer = _together(scene, {name: found[name] for name in scenes}, missing, idle, run)
     return complete(answer, missing, run, of="risk of every phase", where="in phase")
 
@@ -371,14 +379,23 @@ def crossings_of(model: Model) -> Callable[[float], tuple[float, float]]:
     return of_gain
 
 
-def _never_hit(like: Reliability, duration: float, most: float) -> Reliability:
-    """The answer for a phase whose impacts do not matter, with the events of another phase: none of
-    them is more probable than an impact."""
+BOUND = "Rice"
+"""The way of a phase of which a bound alone is known."""
+
+NO_ANSWER = "no answer was found in time"
+"""Why a phase that may matter has a bound alone."""
+
+
+def _never_hit(
+    like: Reliability, duration: float, most: float, why: str = "crossings are too rare"
+) -> Reliability:
+    """The answer for a phase of which a bound alone is known, with the events of another phase:
+    none of them is more probable than an impact."""
     limit = Estimate(value=0.0, upper_95=most, how="at most Rice's number of crossings")
     chances = {
         event: replace(
-            chance, estimate=limit, lower=0.0, upper=most, rule=limit.how, way="Rice", wilson=None,
-            why="crossings are too rare", trials=0, levels=0, steps=0, seconds=0.0,
+            chance, estimate=limit, lower=0.0, upper=most, rule=limit.how, way=BOUND, wilson=None,
+            why=why, trials=0, levels=0, steps=0, seconds=0.0,
             seconds_per_mission=None,
         )
         for event, chance in like.chances.items()
@@ -469,7 +486,9 @@ def joint_chance(
     hazards = _hazards([one.estimate.value for one in each])
     lower, upper = (_hazards([getattr(one, end) for one in each]) for end in ("lower", "upper"))
     hazard = float(hazards.sum())
-    low, high = np.linalg.norm(hazards - lower), np.linalg.norm(upper - hazards)
+    bounded = np.array([one.way == BOUND for one in each])
+    low, high = np.linalg.norm(hazards - lower), np.linalg.norm((upper - hazards)[~bounded])
+    high += float(upper[bounded].sum())  # what is not known may be large in all of them together
     kept = np.exp(hazards - hazard)  # the probability that no other phase brings the event
     value = -math.expm1(-hazard)
     above = -math.expm1(-(hazard + float(high)))
