@@ -224,6 +224,15 @@ def test_static_shapes_are_no_modes_of_0_hz(tmp_path: Path) -> None:
         Modes(file=str(path), points={"a": "1.z"}, zeta=0.01)
 
 
+def test_a_shape_of_0_hz_that_counts_as_a_free_motion_is_told(tmp_path: Path) -> None:
+    nodes = {"a": "11.z"}
+    free = Modes(file=str(write_exodus(tmp_path / "chain.exo")), points=nodes, zeta=0.01)
+    (told,) = free.cautions(())
+    assert told.startswith("1 of the shapes in chain.exo is of 0 Hz") and "Craig-Bampton" in told
+    held = Modes(file=str(write_op2(tmp_path / "chain.op2")), points=nodes, zeta=0.01)
+    assert held.cautions(()) == []
+
+
 def write_exodus(path: Path) -> Path:
     """The chain as an Exodus file, its modes along z at the nodes 11, 12 and 13, after a motion
     that no spring holds."""

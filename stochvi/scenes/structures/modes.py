@@ -486,6 +486,17 @@ class Modes(ModalStructure):
         row = np.sum([weight * others.shapes[name] for name, weight in weights.items()], axis=0)
         return found + float(np.sum(row**2 / (others.mass * others.omega**2)))
 
+    def cautions(self, rigid: Sequence[str]) -> list[str]:
+        free = int(np.sum(self.table.omega == 0.0))
+        if not free or self.source is None:
+            return super().cautions(rigid)
+        return [
+            f"{free} of the shapes in {self.source} {'is' if free == 1 else 'are'} of 0 Hz and "
+            "taken for free motions that no spring holds; static shapes, as of a Craig-Bampton "
+            "reduction, are no modes: export the natural modes alone",
+            *super().cautions(rigid),
+        ]
+
     def assumptions(self) -> list[str]:
         found = [] if self.source is None else [f"modes: {self.source}"]
         moving, every = self._moving, len(self.frequency_hz)
