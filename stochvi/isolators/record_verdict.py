@@ -114,11 +114,19 @@ class GapPoles:
         return bool(np.all(self.poles.real < 0.0))
 
     def gain(self, frequency_hz: Vector, force: Force, gap: int) -> Waves:
-        """Frequency response (frequencies,) of one gap to a force (n,) per unit of its source."""
+        """Frequency response (frequencies,) of one gap to a force (n,) per unit of its source.
+
+        It is the sum of c_j e_j / (i w - p_j). Far above the slowest pole its terms cancel, as an
+        impulse moves nothing at once: the sum of all c_j e_j is 0. Less that sum over i w the terms
+        are c_j e_j p_j / (i w (i w - p_j)), which do not.
+        """
         pushed = force(frequency_hz) if isinstance(force, InputMatrix) else force[None]
+        turning = 2j * math.pi * frequency_hz
+        above = np.abs(turning) > np.min(np.abs(self.poles))
         found = np.zeros(len(frequency_hz), complex)
         for pole, shape, entry in zip(self.poles, self.shapes[gap], self.entries, strict=True):
-            found += shape * (pushed @ entry) / (2j * math.pi * frequency_hz - pole)
+            less = np.where(above, pole / np.where(above, turning, 1.0), 1.0)
+            found += shape * (pushed @ entry) * less / (turning - pole)
         return found
 
     def response(self, forces: Matrix, step: float) -> list[FreeResponse]:

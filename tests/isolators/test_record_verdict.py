@@ -19,6 +19,7 @@ from stochvi import (
     RecordedNoise,
     Restitution,
     Scene,
+    WhiteNoise,
     linearise,
     replay,
     screen,
@@ -26,6 +27,7 @@ from stochvi import (
 from stochvi.isolators.record_verdict import (
     FALSE_ALARMS,
     TESTS,
+    GapPoles,
     cut_off,
     kurtosis_p_value,
     p_value_in_words,
@@ -34,6 +36,7 @@ from stochvi.isolators.record_verdict import (
 )
 from stochvi.mathematics.spectra import squared_gain
 from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.model.model import model_of
 from support.commands import Run, one_document
 from support.records import FS, gaussian, spoilt
 
@@ -342,6 +345,27 @@ def test_the_memory_of_a_response_is_the_integral_over_its_autocorrelation() -> 
     t, swing = np.linspace(0.0, 5.0, 200_001), np.sqrt(omega**2 - b**2 / 4.0)
     rho = np.exp(-b * t / 2.0) * (np.cos(swing * t) + b / (2.0 * swing) * np.sin(swing * t))
     assert law.memory == pytest.approx(2.0 * np.trapezoid(rho**4, t), rel=1e-2)
+
+
+@pytest.mark.parametrize("hertz", [1e-16, 1e-8, 1.0, 1e3])
+def test_a_mount_far_below_its_record_moves_as_a_free_mass(hertz: float) -> None:
+    """The gain of one mass is 1 / (w0^2 - w^2 + i b w) / m, however far apart the two are."""
+    mount = Isolator(frequency_hz=hertz, zeta=0.1, mass=2.0)
+    noise = WhiteNoise(density=0.01, unit="g2/Hz")
+    model = model_of(Scene(structure=mount, excitations=[noise]))
+    f = np.geomspace(1e-9, 1e4, 40)
+    omega, own = 2.0 * math.pi * f, 2.0 * math.pi * hertz
+    gain = GapPoles.of(model, np.ones((1, 1))).gain(f, np.ones(1), 0)
+    known = 0.5 / (own**2 - omega**2 + 0.2j * own * omega)
+    assert np.max(np.abs(gain / known - 1.0)) < 1e-6
+
+
+def test_a_record_on_a_mount_that_hardly_holds_is_not_judged(tmp_path: Path) -> None:
+    verdict = record_verdict(
+        scene_of(tmp_path, gaussian(np.random.default_rng(1), 20.0), natural=1e-16)
+    )
+    assert verdict is not None and not verdict.judged and not verdict.contradicts
+    assert verdict.displacement_max > 0.0
 
 
 def test_peaks_and_kurtoses_of_gaussian_records_scatter_as_stated(tmp_path: Path) -> None:
