@@ -354,8 +354,8 @@ class Performance:
         m/s^2: means over windows of `PEAK_PERIODS` periods. None where a stop is rigid. Each
         contact is taken for that of a free mass of the same impact speed.
     absorbed_share
-        Share of the supplied power that impacts take; of compliant stops, the share that brief
-        contacts would take.
+        Share of the supplied power that impacts take; of compliant stops, the work of their
+        contacts.
     response
         The simulation that these numbers come from.
     """
@@ -879,11 +879,7 @@ def _absorbed(model: Model, response: Response) -> Estimate | None:
     The dampers between coordinates i and j take -C_ij E (v_i - v_j)^2; None where that is not
     known.
     """
-    loss = _sum(
-        _known(response.impact_pairs[pair.name].impact_speed_square_rate)
-        * (pair.mass * (1.0 - _restitution(pair) ** 2) / 2.0)
-        for pair in model.pairs
-    )
+    loss = _sum(response.stop_powers.values())
     damping = model.damping
     dissipation = [
         _square(_known(response.coordinates[name].velocity_std)) * float(own)

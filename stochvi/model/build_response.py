@@ -162,16 +162,16 @@ def _pushes(model: Model, moments: Mapping[tuple[str, str], Any]) -> list[tuple[
 
 def _losses(model: Model, moments: Mapping[tuple[str, str], Any]) -> list[Any]:
     """Mean power lost at every stop, W, with a negative sign."""
-    found = []
-    for pair in model.pairs:
-        for stop in pair.stops:
-            if not stop.summed:
-                square = moments[pair.name, f"f2_{stop.name}"]
-                loss = (1.0 - stop.law.restitution_mean_square) / 2.0 * square
-            else:
-                loss = moments[pair.name, f"loss_{stop.name}"]
-            found.append(-pair.mass * loss)
-    return found
+    return [-power_of_stop(pair, stop, moments) for pair in model.pairs for stop in pair.stops]
+
+
+def power_of_stop(pair: Pair, stop: Stop, moments: Mapping[tuple[str, str], Any]) -> Any:
+    """Mean power that a stop takes, W, from the `moments` of `residuals`: the work of its contacts,
+    or what a rigid one of one restitution takes of F2."""
+    if stop.summed:
+        return pair.mass * moments[pair.name, f"loss_{stop.name}"]
+    loss = (1.0 - stop.law.restitution_mean_square) / 2.0
+    return pair.mass * loss * moments[pair.name, f"f2_{stop.name}"]
 
 
 def _energies(model: Model, moments: Mapping[tuple[str, str], Any], origin: Any) -> dict[str, Any]:

@@ -612,7 +612,8 @@ class Response(Result):
     `coordinates` and `impact_pairs` map the name of a coordinate or pair to its quantities, which
     may be given as any mapping from their names. `identities` holds the residuals of the energy,
     virial and force balances, which are zero for a correct answer. `statistics` holds the means of
-    functions of one's own (`stochvi.Statistic`), in the units of the functions.
+    functions of one's own (`stochvi.Statistic`), in the units of the functions. `stop_powers` holds
+    the mean power that the stops of each pair take in a simulation, W; it is no part of documents.
 
     See Also
     --------
@@ -630,11 +631,14 @@ class Response(Result):
     ['method', 'of', 'quantity', 'unit']
     """
 
+    not_in_document = ("stop_powers",)
+
     method: str
     coordinates: Mapping[str, CoordinateResponse]
     impact_pairs: Mapping[str, PairResponse]
     identities: Mapping[str, Estimate] = field(default_factory=dict)
     statistics: Mapping[str, Estimate] = field(default_factory=dict)
+    stop_powers: Mapping[str, Estimate] = field(default_factory=dict)
     effects: Sequence[str] = ()
     assumptions: Sequence[str] = ()
 

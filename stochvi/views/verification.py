@@ -357,7 +357,9 @@ def print_explanation(console: Console, explanation: Explanation) -> None:
             f"{plan.nanoseconds_per_step:.2g} ns a step here",
             highlight=False,
         )
-        console.print(f"to start: about {plan.start_seconds:.1g} s, in every run", highlight=False)
+        if plan.start_seconds:
+            start = f"to start: about {plan.start_seconds:.1g} s, in every run"
+            console.print(start, highlight=False)
         for target, seconds in plan.seconds.items():
             cost = "unknown"
             if seconds is not None:

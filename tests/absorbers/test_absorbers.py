@@ -407,6 +407,31 @@ def test_rubber_walls_take_what_white_noise_supplies() -> None:
         assert_agrees(twice, 0.02)
 
 
+def test_what_soft_walls_absorb_is_what_dampers_do_not() -> None:
+    """S / (2 m) = c E v^2 + loss: the share is that which the damper leaves. A wall with a
+    twentieth of the stiffness takes much less of it than 1 - R^2 of a free mass."""
+    rubber = Viscoelastic(stiffness=0.05, damping_ratio=0.3)
+    scene = Scene(
+        structure=LIGHTLY_DAMPED,
+        absorber=Absorber(mass=0.1, play=3.0, law=rubber),
+        excitations=[UNIT_RMS],
+    )
+    response = simulate(scene.expanded, paths=64, seed=1)
+    share = _absorbed(model_of(scene), response)
+    speeds = response.coordinates["structure"]["velocity_mean_square"]
+    assert share is not None
+    left = Estimate(
+        value=share.value + 0.02 * speeds.value / 0.02, bias=share.bias + speeds.bias,
+        standard_error=math.hypot(share.standard_error, speeds.standard_error),
+    )  # fmt: skip
+    assert_agrees(left, 1.0)
+    # the negative control: a free mass with the same speeds
+    losses = response.impact_pairs["box"]["impact_speed_square_rate"]
+    free = (0.1 / 1.1) * (1.0 - rubber.restitution**2) / 2.0 * losses.value / 0.02
+    with pytest.raises(AssertionError):
+        assert_agrees(replace(left, value=free + speeds.value), 1.0)
+
+
 def test_peaks_of_walls_that_give_way(monkeypatch: pytest.MonkeyPatch) -> None:
     """Contacts that are integrated agree with the formula of a free mass; the largest of a long
     time exceed the mean, and the structure gets force over mass."""

@@ -23,6 +23,7 @@ from stochvi.engine.calls import NO_STATISTICS, Statistics, addresses_of
 from stochvi.engine.laws import NotCompiled, compiled_of, contents_of
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
 from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.model.build_response import power_of_stop
 from stochvi.model.model import Model, Pair, Stop
 from stochvi.results.estimates import PathMoments, neighbours
 from stochvi.sampling.calculations import check_flag
@@ -130,6 +131,11 @@ def of_compliant_pair(pair: Pair) -> dict[str, Quantity]:
             sum(m[name, f"ended_{side}"] for side in sides),
         )
     return found
+
+
+def power_of_pair(pair: Pair) -> Quantity:
+    """Mean power that the stops of a pair take, W."""
+    return lambda m: sum(power_of_stop(pair, stop, m) for stop in pair.stops)
 
 
 def key_of_statistic(name: str) -> Key:

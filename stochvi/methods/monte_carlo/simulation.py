@@ -43,6 +43,7 @@ from stochvi.methods.monte_carlo.plan import (
     of_coordinate,
     of_gap,
     of_pair,
+    power_of_pair,
     refines_near_stops,
     share_below,
     speed_mean,
@@ -320,7 +321,11 @@ class Simulation:
             for owner, name in self.layout.rows
             if owner == STATISTICS
         }
-        return replace(found, provenance=made_by, interrupted=interrupted, statistics=statistics)
+        powers = {pair.name: self.estimate(power_of_pair(pair)) for pair in self.model.pairs}
+        return replace(
+            found, provenance=made_by, interrupted=interrupted, statistics=statistics,
+            stop_powers=powers,
+        )  # fmt: skip
 
     def _pair(self, pair: Pair) -> PairResponse:
         known, sides = of_pair(pair.name), [stop.name for stop in pair.stops]
@@ -1071,9 +1076,9 @@ class Prospect:
     duration: float
     steps_per_path: int
     nanoseconds_per_step: float
-    start_seconds: float
     seconds: dict[float, float | None]
     governed_by: str
+    start_seconds: float = 0.0
 
 
 @calculation
