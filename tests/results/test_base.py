@@ -294,6 +294,13 @@ def test_an_answer_is_saved_and_read_again(answer: Result, tmp_path: Path) -> No
 SAVED = sorted((CHECKOUT / "tests" / "reference" / "saved_answers").glob("*.json.gz"))
 
 
+def without_new_keys(now: Any, before: Any) -> Any:
+    """A document with the keys of an older one alone."""
+    if isinstance(now, dict) and isinstance(before, dict):
+        return {key: without_new_keys(now[key], before[key]) for key in before}
+    return now
+
+
 @pytest.mark.parametrize("file", SAVED, ids=[each.name.partition(".")[0] for each in SAVED])
 def test_an_answer_that_an_older_version_saved_is_read(file: Path, tmp_path: Path) -> None:
     saved = tmp_path / "answer.json"
@@ -303,8 +310,8 @@ def test_an_answer_that_an_older_version_saved_is_read(file: Path, tmp_path: Pat
     before = json.loads(saved.read_text(encoding="utf-8"))["document"]
     now = found.to_dict()
     # words of a verdict may become better, and keys may come; numbers stay
-    kept = before.keys() - {"verdict"}
-    assert {key: now[key] for key in kept} == {key: before[key] for key in kept}
+    before.pop("verdict", None)
+    assert without_new_keys(now, before) == before
 
 
 def test_a_file_that_holds_no_answer_is_refused(tmp_path: Path) -> None:
