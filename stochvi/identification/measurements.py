@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Matrix, Vector
-from stochvi.mathematics.units import STANDARD_GRAVITY, checked, listed_units
+from stochvi.mathematics.units import CHECKS, STANDARD_GRAVITY, checked, listed_units, with_checks
 from stochvi.mathematics.units import unit as unit_called
 from stochvi.results.errors import SceneError
 from stochvi.scenes.impact_laws import CompliantLaw, ImpactLaw, RigidLaw
@@ -94,6 +94,7 @@ class Measurement:
         """Sizes of the test, in which the numbers of a law are of the order of 1."""
 
 
+@with_checks
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rebounds(Measurement):
     """Speeds of approach and of rebound of single impacts.
@@ -229,6 +230,7 @@ class Rebounds(Measurement):
         return Scale(1.0, 1.0, float(np.exp(np.mean(np.log(self.approach)))), 1.0)
 
 
+@with_checks
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ForceCurve(Measurement):
     """Force of a stop over its deflection, pressed slowly, or with the speed of each row.
@@ -304,6 +306,7 @@ class ForceCurve(Measurement):
         )
 
 
+@with_checks
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DropRecord(Measurement):
     """Acceleration of a mass during one impact on the stop.
@@ -467,8 +470,9 @@ def _summed(values: Vector) -> Vector:
 
 
 def _finite(name: str, values: Any) -> Vector:
+    CHECKS["Sequence[float]"](name, values)
     found = np.asarray(values, dtype=float)
-    if found.ndim != 1 or not len(found) or not np.all(np.isfinite(found)):
+    if not len(found) or not np.all(np.isfinite(found)):
         raise ValueError(f"{name} must be a list of finite numbers, got {values!r}"[:300])
     return found
 

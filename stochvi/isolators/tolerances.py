@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 
 from stochvi.mathematics.numerics import Matrix, Vector
-from stochvi.mathematics.units import power_ratio
+from stochvi.mathematics.units import power_ratio, with_checks
 from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import Model, model_of
@@ -284,6 +284,7 @@ RELATIVE = ("frequency", "damping", "stiffness")
 """Quantities whose amounts are relative to what the scene states."""
 
 
+@with_checks
 @dataclass(frozen=True, kw_only=True)
 class Spread:
     """Distribution of one quantity over the units of a production, about what the scene states.

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import betaincinv, gammaincinv, ndtri, stdtr, stdtrit
 
 from stochvi.mathematics.numerics import Array
+from stochvi.mathematics.units import explain_methods
 
 # ------------------------------------------------------------------------------
 # Confidence intervals and the propagation of statistical errors, in one place.
@@ -388,6 +389,7 @@ NEGLIGIBLE_BIAS = 0.2
 """Bias, in standard errors, that widens the 95 % interval by a tenth; a smaller one is not told."""
 
 
+@explain_methods
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
     """A number with its errors.
@@ -459,7 +461,11 @@ class Estimate:
             number = getattr(self, name)
             if number is None and name in ("bias", "upper_95"):
                 continue
-            if not math.isfinite(number):
+            try:
+                finite = math.isfinite(number)
+            except TypeError:
+                raise ValueError(f"{name} must be a number, got {number!r}") from None
+            if not finite:
                 raise ValueError(f"{name} must be finite, got {number}")
             if number < 0.0 and name != "value":
                 raise ValueError(f"{name} must be at least 0, got {number}")

@@ -22,7 +22,7 @@ from stochvi.mathematics.spectra import (
     squared_gain,
     welch,
 )
-from stochvi.mathematics.units import checked
+from stochvi.mathematics.units import checked, explain_methods
 from stochvi.results.deadline import in_command
 from stochvi.results.errors import SceneError
 from stochvi.results.estimates import jackknife_error
@@ -102,6 +102,7 @@ BLOCKS = 16
 """Number of blocks of a record for the jackknife error of its kurtosis."""
 
 
+@explain_methods
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Record:
     """Evenly sampled values in SI units, without their mean.

@@ -29,7 +29,7 @@ from pydantic_core import CoreSchema, PydanticKnownError
 from pydantic_core.core_schema import tagged_union_schema, with_info_plain_validator_function
 
 from stochvi.mathematics.numerics import Vector, gauss_legendre
-from stochvi.mathematics.units import Unit, measured, plain_number, unit
+from stochvi.mathematics.units import Unit, explain_methods, measured, plain_number, unit
 from stochvi.results.errors import SceneError, beyond_arithmetic
 
 
@@ -177,6 +177,10 @@ class Checked(BaseModel):
         hide_input_in_errors=True,
         defer_build=True,
     )
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        explain_methods(cls)
 
     own: ClassVar[str] = "give its keys"
     """The class that takes a user's own behaviour in place of a subclass, in words."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from stochvi.engine.arithmetic import COLUMNS, Log
 from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.mathematics.units import explain_methods
 from stochvi.mathematics.unsteady_noise import Crossings, Sines
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.choose_plan import GapResponse, shaken_by_tables, unmet
@@ -493,6 +494,7 @@ FEWEST_WITH_BURSTS = 8
 taken."""
 
 
+@explain_methods
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bursts:
     """Clusters that followed first impacts, each with its weight.

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
 from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.mathematics.units import explain_methods
 from stochvi.mathematics.unsteady_noise import (
     MOST_IN_WINDOW,
     Crossings,
@@ -451,6 +452,7 @@ class ShocksMeet(NotApplicable):
     """Shocks come before the motion after the last one is forgotten."""
 
 
+@explain_methods
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FirstCrossings(CrossingAges):
     """Ages of outcrossings of the stops of pairs, from which the first impacts of any follow.

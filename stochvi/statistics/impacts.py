@@ -16,6 +16,7 @@ from scipy.special import ndtr
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import Table, response_moments, squared_gain
+from stochvi.mathematics.units import explain_methods
 from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.methods.monte_carlo.choose_plan import (
     FEWEST_PAIRS,
@@ -356,6 +357,7 @@ class Exponent:
     theory: float | None
 
 
+@explain_methods
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PairStatistics:
     """Impacts of one pair; numbers are None where nothing was hit.

@@ -29,15 +29,16 @@ import pytest
 from click.testing import CliRunner
 
 import stochvi
-from stochvi import ImpactPair, Isolator, Oscillator, Restitution, Scene, WhiteNoise
+from stochvi import Elastic, ImpactPair, Isolator, Oscillator, Restitution, Scene, WhiteNoise
 from stochvi.cli.answer_schema import answer_schema
 from stochvi.cli.program import main
-from stochvi.identification import Rebounds
-from stochvi.isolators import jolts
+from stochvi.identification import DropRecord, ForceCurve, Rebounds
+from stochvi.isolators import Spread, jolts
 from stochvi.isolators.record_verdict import response_law
 from stochvi.mathematics.units import shown_in, units_of
 from stochvi.methods import periodic
 from stochvi.methods.monte_carlo import record_path
+from stochvi.methods.periodic import SwitchedDrive
 from stochvi.results import files
 from stochvi.results.base import Result, in_chosen_units, plain, total_cost
 from stochvi.results.errors import (
@@ -399,6 +400,33 @@ def test_methods_of_answers_and_scenes_check_their_plain_arguments() -> None:
     ):
         with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
             call()
+
+
+def test_parts_that_users_make_and_call_name_a_wrong_argument() -> None:
+    law, noise = Elastic(stiffness=1e5), WhiteNoise(intensity=1.0)
+    for call, message in (
+        (lambda: stochvi.Estimate(value=1.0, bias="0.1"), "bias must be a number, got '0.1'"),
+        (lambda: Estimate(value=1.0).interval("x"), "confidence must be a number, got 'x'"),
+        (lambda: Spread(std="x"), "std must be a number, got 'x'"),
+        (lambda: Rebounds(approach=1j, rebound=[1.0]), "approach must be numbers, got 1j"),
+        (lambda: ForceCurve(deflection=["x"], force=[1.0]),
+         "deflection must be numbers, got ['x']"),
+        (lambda: DropRecord(acceleration=3.0, fs=1.0, mass=1.0),
+         "acceleration must be a list of numbers, got 3.0"),
+        (lambda: SwitchedDrive(restitution="x", force=1.0, switching=1.0),
+         "restitution must be a number, got 'x'"),
+        (lambda: law.force_at("x"), "deflection must be numbers, got 'x'"),
+        (lambda: law.impact("1", 1.0), "speed must be a number, got '1'"),
+        (lambda: noise.louder("x"), "level_db must be a number, got 'x'"),
+        (lambda: stochvi.spectrum(lossy(), method=np.array([1.0])),
+         "method must be a text, got an array"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+            call()
+    # what they can take is taken, whatever the annotation says
+    assert law.force_at(np.float32(1e-3)) == pytest.approx(100.0)
+    with pytest.raises(TypeError, match="missing a required argument"):
+        law.impact()
 
 
 def test_names_of_parts_in_files_are_those_of_one_class() -> None:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
 from stochvi.mathematics.numerics import Array, Booleans, Vector, gauss_panels
+from stochvi.mathematics.units import explain_methods
 from stochvi.methods.fokker_planck.basis import (
     EXTRA_NODES,
     ErrorMargins,
@@ -419,6 +420,7 @@ RESOLVED = 10.0
 speeds is right."""
 
 
+@explain_methods
 @dataclass(frozen=True, kw_only=True, repr=False)
 class StationaryDensity:
     """p(x, v) of the stationary response, and what follows from it, by `fokker_planck_density`.

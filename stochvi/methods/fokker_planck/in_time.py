@@ -17,6 +17,7 @@ from scipy.special import ndtr
 
 from stochvi.mathematics.impact_rates import BetaDistribution
 from stochvi.mathematics.numerics import Array, gauss_panels
+from stochvi.mathematics.units import with_checks
 from stochvi.methods.fokker_planck.basis import LinearBox, Mesh, legendre
 from stochvi.methods.fokker_planck.motion import box_ends, restitution_rule, turning_stops
 from stochvi.model.model import UPPER, Model, Stop
@@ -504,6 +505,7 @@ class InitialState(NamedTuple):
     v: float
 
 
+@with_checks
 @dataclass(frozen=True, kw_only=True)
 class Gaussian:
     """A Gaussian distribution of displacement (m) and velocity (m/s).

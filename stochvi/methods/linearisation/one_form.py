@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from stochvi.mathematics.impact_rates import StopStatistics
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import Filter, Force, gains, squared_gain
+from stochvi.mathematics.units import explain_methods
 from stochvi.methods.linearisation.forms import form_of
 from stochvi.methods.linearisation.linear_system import (
     ROOT_TWO_PI,
@@ -622,6 +623,7 @@ DECADES = 4.0
 for."""
 
 
+@explain_methods
 @dataclass(frozen=True, kw_only=True)
 class LinearisedOscillator:
     """x'' + (b + beta) x' + (omega^2 + k) (x - m) = f, which stands for a scene (B 13.5-13.7).
@@ -817,6 +819,7 @@ def _oscillator(
 Density = Callable[[ArrayLike], NDArray[np.float64]]
 
 
+@explain_methods
 @dataclass(frozen=True, kw_only=True)
 class LinearisedStructure:
     """M q'' + C q' + K q + sum over pairs d (k (y - centre) + beta y') = forces, y = d . q.

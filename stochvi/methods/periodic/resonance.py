@@ -20,7 +20,7 @@ from scipy.special import ndtri
 
 from stochvi.mathematics.numerics import Matrix, Vector, gauss_panels
 from stochvi.mathematics.spectra import InputMatrix, Table, transition
-from stochvi.mathematics.units import shown
+from stochvi.mathematics.units import shown, with_checks
 from stochvi.methods.periodic.continuation import even_regimes, widest
 from stochvi.methods.periodic.family import Numbers, unmet
 from stochvi.methods.periodic.sine_response import Branch, Harmonic, HarmonicResponse
@@ -59,6 +59,7 @@ TOUCHING = 1e-9
 """Depth to which a regime may pass a stop between impacts, relative to the clearance: rounding."""
 
 
+@with_checks
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StructureResonance:
     """A regime of a structure whose impacts lose nothing, once a period (B 14.70, 14.84).
@@ -462,6 +463,7 @@ class ResonantRegime:
         return self.multiplier < 1.0
 
 
+@with_checks
 @dataclass(frozen=True, kw_only=True)
 class HarmonicResonance:
     """x'' + b x' + omega^2 x = a_p cos(w t) between stops at -D and D (B 3.17, 9.15).
@@ -595,6 +597,7 @@ class HarmonicResonance:
         )
 
 
+@with_checks
 @dataclass(frozen=True, kw_only=True)
 class RandomResonance:
     """A resonant regime that random thrust would have to maintain (B 14.88-14.101).
@@ -748,6 +751,7 @@ COLUMNS = (
 """Columns of the table of regimes of a motor."""
 
 
+@with_checks
 @dataclass(frozen=True, kw_only=True)
 class Motor:
     """A motor whose torque falls with its speed, slope (w0 - w), and which makes a sine.
@@ -1035,6 +1039,7 @@ FASTEST = 1e12
 """Largest impact speed that is searched for, in units of that of one flight from rest."""
 
 
+@with_checks
 @dataclass(frozen=True, kw_only=True)
 class RelayBetweenStops:
     """A force of constant size along the motion of a mass between two rigid stops.
@@ -1277,6 +1282,7 @@ class Throw(NamedTuple):
     speed: float
 
 
+@with_checks
 @dataclass(frozen=True, kw_only=True)
 class SwitchedDrive:
     """A striker that a force of constant size throws off its stop and back.

@@ -13,6 +13,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from stochvi.mathematics.numerics import Vector
+from stochvi.mathematics.units import explain_methods, with_checks
 from stochvi.methods.periodic.branches import (
     DEFAULT_IMPACTS,
     LOOKS,
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
 # ------------------------------------------------------------------------------
 
 
+@explain_methods
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Branch:
     """Periodic regimes that follow from each other as a number is varied.
@@ -204,6 +206,7 @@ class Jump:
         return abs(lengths[1] - lengths[0]), abs(speeds[1] - speeds[0])
 
 
+@with_checks
 @dataclass(frozen=True, kw_only=True)
 class RandomStarts:
     """Ends of motions from random starts.

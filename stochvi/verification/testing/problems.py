@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import CANCELLATION, Vector
-from stochvi.mathematics.units import checked
+from stochvi.mathematics.units import checked, with_checks
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.monte_carlo.choose_plan import make_plan
@@ -120,6 +120,7 @@ SETTLED = 6.0
 """Relaxation times of burn-in: e^-6 of the start is left after them, and e^-12 of its energy."""
 
 
+@with_checks
 @dataclass(frozen=True, kw_only=True)
 class Problem:
     """A linear structure under noise, with rigid stops or none, and the run that is asked for.
