@@ -893,8 +893,8 @@ def test_intervals_of_simulated_damage_hold_as_often_as_they_say() -> None:
     ])  # fmt: skip
     # 95 of 100 are asked for; skewed sums of few hard impacts hold a little less often
     assert np.all(np.mean(away <= 1.0, axis=0) > 0.8)
-    # the control: intervals of a quarter of the width hold in 38 of 100 runs where errors are right.
-    # The frequencies of a run have their impacts in common, so that each run has one vote
+    # the control: intervals of a quarter of the width hold in 38 of 100 runs where errors are
+    # right. The frequencies of a run have their impacts in common: each run has one vote
     held = np.sum(np.mean(away <= 0.25, axis=1) > 0.5)
     assert held < binom.ppf(0.001, len(runs), 0.8)
 
