@@ -413,7 +413,8 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
             bounded = any(given.get(name) for name in WITHOUT_BUDGET)
             if OPEN_BUDGETS.intersection(names) and given["budget"] is None and not bounded:
                 given["budget"] = BUDGET
-            from stochvi.mathematics.units import shown_in  # with numpy: not for --help
+            # with numpy: not for --help
+            from stochvi.mathematics.units import shown_in, units_passed_over
 
             begun, budget = Deadline.after(0.0), given.get("budget", BUDGET)
             if budget is not None and not 0.0 < budget < math.inf:
@@ -434,6 +435,9 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
                         command(options, **given)
                 else:
                     command(options, **given)
+                if kept := units_passed_over():
+                    echo(f"note: numbers in {', '.join(kept)} are shown as they are: --units knows "
+                         "no other unit for them")  # fmt: skip
             for record in options.judged:
                 fail_unless_gaussian(record)
             if has_budget and begun.interrupted:

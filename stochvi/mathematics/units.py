@@ -778,15 +778,29 @@ USUAL: Choice = MappingProxyType({})
 
 _choice: ContextVar[Choice] = ContextVar("shown_units", default=USUAL)
 
+_passed_over: ContextVar[dict[str, None]] = ContextVar("units_passed_over", default={})  # noqa: B039
+"""Units that were shown within `shown_in` as they are, as no quantity is known for them."""
+
 
 @contextlib.contextmanager
 def shown_in(units: Choice) -> Iterator[None]:
     """Within this context quantities are shown in these units; without any, in the usual ones."""
-    before = _choice.set(units)
+    before, passed = _choice.set(units), _passed_over.set({})
     try:
         yield
     finally:
         _choice.reset(before)
+        _passed_over.reset(passed)
+
+
+def units_passed_over() -> list[str]:
+    """Units that kept their numbers since a reader chose others: no quantity is known for them.
+
+    >>> with shown_in(units_of("in")):
+    ...     str(shown_as("Pa")), str(shown_as("m")), units_passed_over()
+    ('Pa', 'in', ['Pa'])
+    """
+    return list(_passed_over.get())
 
 
 def units_are_chosen() -> bool:
@@ -912,6 +926,13 @@ BY_SI_UNIT = {
 }  # fmt: skip
 """Quantity and power by the SI unit of a table."""
 
+WITHOUT_CHOICE = frozenset((
+    "", "1", "%", "rad", "rad/s", "rad/s^2", "rad^2", "rad^2/s^2", "rad^2/Hz", "(rad/s)^2/Hz",
+    "(rad/s^2)^2/Hz", "Hz", "kg", "dB", "km/h", "N s/m", "m^2/s^3", "rad^2/s^3", "(m/s)^b", "g",
+    "mm",
+))  # fmt: skip
+"""Other units of answers, which `CHOICES` holds no others for."""
+
 
 def shown_as(si_unit: str) -> ShownQuantity:
     """The quantity of an SI unit, shown in that unit unless another one is chosen; what has no
@@ -921,6 +942,8 @@ def shown_as(si_unit: str) -> ShownQuantity:
     ...     [str(shown_as(each)) for each in ("m^2", "rad")], shown_as("m^2")(1.0)
     (['mm²', 'rad'], 1000000.0)
     """
+    if units_are_chosen() and si_unit not in BY_SI_UNIT and si_unit not in WITHOUT_CHOICE:
+        _passed_over.get()[si_unit] = None
     quantity, power, per = BY_SI_UNIT.get(si_unit, (si_unit, 1, ""))
     return ShownQuantity(quantity, Size(si_unit, 1.0), power, per)
 

@@ -35,11 +35,11 @@ from stochvi.cli.program import main
 from stochvi.identification import DropRecord, ForceCurve, Rebounds
 from stochvi.isolators import Spread, jolts
 from stochvi.isolators.record_verdict import response_law
-from stochvi.mathematics.units import shown_in, units_of
+from stochvi.mathematics.units import shown_as, shown_in, units_of, units_passed_over
 from stochvi.methods import periodic
 from stochvi.methods.monte_carlo import record_path
 from stochvi.methods.periodic import SwitchedDrive
-from stochvi.results import files
+from stochvi.results import base, files
 from stochvi.results.base import Result, in_chosen_units, plain, total_cost
 from stochvi.results.errors import (
     Interrupted,
@@ -400,6 +400,24 @@ def test_methods_of_answers_and_scenes_check_their_plain_arguments() -> None:
     ):
         with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
             call()
+
+
+def test_a_unit_that_no_choice_is_known_for_is_told(
+    stochvi: RunOfCommands, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All that there are now are known, or stay as they are on purpose."""
+    known = {*base.COLUMN_UNITS.values(), *base.DENSITY_UNITS.values(), *base.SUFFIXES}
+    angles = {base.in_angles("ry", each) for each in base.QUANTITY_UNITS.values()}
+    with shown_in(units_of("in")):
+        for unit in known | angles:
+            shown_as(unit)
+        assert units_passed_over() == []
+    scene = str(shipped_scene("oscillator-lossy"))
+    said = "note: numbers in Pa are shown as they are"
+    assert said not in stochvi("linearise", scene, "--units", "in").err
+    monkeypatch.setitem(base.QUANTITY_UNITS, "displacement_std", "Pa")
+    assert said in stochvi("linearise", scene, "--units", "in").err
+    assert said not in stochvi("linearise", scene).err
 
 
 def test_parts_that_users_make_and_call_name_a_wrong_argument() -> None:
