@@ -1,4 +1,5 @@
-"""A scene answered again and again: over ranges of its keys, and over units that differ."""
+"""A scene answered again and again. Chapters: ranges of keys; several records of one phase; units
+of a production."""
 
 from __future__ import annotations
 
@@ -696,9 +697,8 @@ def _value(key: str, word: str, document: Mapping[str, Any]) -> float:
 # The mean of a method's answer over several records of one phase, and the scatter between them.
 #
 # Records of one road differ by more than their own statistical errors. Each is taken by itself.
-# What
-# is averaged is the answer, not the density: the probability of an impact is far from linear in the
-# level, so that the loudest records have most of it.
+# What is averaged is the answer, not the density: the probability of an impact is far from linear
+# in the level, so that the loudest records have most of it.
 # ------------------------------------------------------------------------------
 
 
@@ -827,8 +827,7 @@ def _mean(rows: pd.DataFrame, quantity: str) -> dict[str, Any]:
 # The mean of any method's answer over the units of a production, by Gauss quadrature.
 #
 # Each node is a unit with a scene of its own, for which the method answers as in a sweep. So
-# whatever
-# a method covers, it covers for units that differ.
+# whatever a method covers, it covers for units that differ.
 # ------------------------------------------------------------------------------
 
 
@@ -972,7 +971,7 @@ def _mean_over_points(rows: pd.DataFrame, quantity: str, bases: Sequence[Matrix]
 
 
 # ------------------------------------------------------------------------------
-# A scene answered again and again:
+# A scene answered again and again: over ranges of its keys, and over units that differ.
 # ------------------------------------------------------------------------------
 
 

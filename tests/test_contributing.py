@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+import builtins
 import importlib
+import keyword
 import os
 import pkgutil
 import re
@@ -13,8 +15,10 @@ import sysconfig
 import tomllib
 import venv
 import zipfile
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from datetime import date
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -68,6 +72,87 @@ def names_in(body: Iterable[ast.stmt], before: str = "") -> Iterator[str]:
 def test_what_is_named_is_in_its_file(file: str, name: str) -> None:
     files = [path for path in files_of(file) if path.exists()]
     assert any(name in names_in(ast.parse(path.read_text("utf-8")).body) for path in files)
+
+
+# ------------------------------------------------------------------------------
+# What docstrings and comments of the package name exists: files, modules, and what is in them.
+# ------------------------------------------------------------------------------
+
+
+OTHERS = {
+    "__pycache__", "anyOf", "fastmath", "intrinsic", "mpi4py",
+    "clearance_m", "f1_lower", "f1_upper", "first_order_error", "impact_speed_m_s", "loss_lower",
+    "loss_upper", "total_error",
+}  # fmt: skip
+"""Names of other programs that no code of the package has, and keys that it puts together."""
+
+
+def words_and_names(text: str) -> tuple[set[str], set[str]]:
+    """The words of the code of a file, and the names in backticks in its docstrings and comments.
+
+    Parts of a class are words of the file, and so are those of its strings: keys of answers.
+    """
+    code, texts = [], re.findall(r"^ *# .*|  # .*", text, re.MULTILINE)
+    docstrings = set()
+    for each in ast.walk(ast.parse(text)):  # a statement comes before its parts
+        if isinstance(each, ast.Expr) and isinstance(each.value, ast.Constant):
+            docstrings.add(each.value)
+        for key in ("id", "attr", "arg", "name", "asname", "module", "value"):
+            if isinstance(word := getattr(each, key, None), str):
+                (texts if each in docstrings else code).append(word)
+    names = re.findall(r"(?<!`)`([\w/]+(?:\.\w+)*)(?:\(\))?`", "\n".join(texts))
+    return set(re.findall(r"\w+", "\n".join(code))), set(names)
+
+
+@cache
+def modules() -> tuple[dict[str, set[str]], dict[str, set[str]]]:
+    """Words by module, those of a stub with it, and names by file of the package."""
+    words_of: dict[str, set[str]] = defaultdict(set)
+    names_of = {}
+    for path in [*(HOUSE / "stochvi").rglob("*.py"), *(HOUSE / "stochvi").rglob("*.pyi")]:
+        place = path.relative_to(HOUSE)
+        found, names_of[str(place)] = words_and_names(path.read_text("utf-8"))
+        words_of[".".join(place.with_suffix("").parts).removesuffix(".__init__")] |= found
+    return words_of, names_of
+
+
+def is_there(name: str) -> bool:
+    """Whether a name is that of a file, of a module or something in it, or of anything else."""
+    first, *others = name.split(".")
+    if "NAME" in name:
+        return True
+    if "/" in name or others[-1:] == ["py"]:
+        return any(
+            f"/{path.relative_to(HOUSE).as_posix()}".endswith("/" + name.rstrip("/"))
+            for room in ("stochvi", "data", "tests")
+            for path in [HOUSE / room, *(HOUSE / room).rglob(Path(name).name)]
+        )
+    words_of, _ = modules()
+    parts = {part for module in words_of for part in module.split(".")}
+    if first not in parts or others[-1:] in (["svg"], ["csv"], ["png"], ["json"], ["html"]):
+        known = parts.union(OTHERS, sys.stdlib_module_names, dir(builtins), *words_of.values())
+        return first in known or keyword.iskeyword(first)
+    return not others or any(
+        f".{module}".endswith(".".join(["", first, *others[:k]])) and {*others[k : k + 1]} <= words
+        for module, words in words_of.items()
+        for k in range(len(others) + 1)
+    )
+
+
+@pytest.mark.slow
+def test_what_docstrings_and_comments_name_is_there() -> None:
+    _, names_of = modules()
+    there = {name: is_there(name) for name in set().union(*names_of.values())}
+    gone = {place: {name for name in names if not there[name]} for place, names in names_of.items()}
+    assert {place: names for place, names in gone.items() if names} == {}
+
+
+@pytest.mark.slow
+def test_a_name_that_is_gone_is_found() -> None:
+    text = '"""See `text_cells.py`, `engine.law_calls`, `plan.no_one`, `rubber_data`."""\n'
+    _, named = words_and_names(text + "# `laws.Hertz`, `plan.of_pair`, `stochvi.scenes.keys`\n")
+    gone = {"text_cells.py", "engine.law_calls", "plan.no_one", "rubber_data"}
+    assert len(named) == 7 and {name for name in named if not is_there(name)} == gone
 
 
 # ------------------------------------------------------------------------------

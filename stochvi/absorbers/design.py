@@ -1,4 +1,6 @@
-"""The best box for a mass budget: play, restitution and number of units, by simulation."""
+"""Design of impact absorbers. Chapters: the best box for a mass budget, by simulation; a loose mass
+under a sine, with its exact regimes; residual vibration under a sine over frequency, play and mass.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Performance of impact absorbers: the motion of a structure with and without loose masses."""
+"""Performance of impact absorbers. Chapters: the tuned spring and dashpot that an absorber competes
+with; the motion of a structure with and without loose masses."""
 
 from __future__ import annotations
 
@@ -301,7 +302,7 @@ def _motion(scene: Scene, row: int) -> tuple[float, float, float]:
 
 
 # ------------------------------------------------------------------------------
-# Performance of impact absorbers:
+# Performance of impact absorbers: the motion of a structure with and without loose masses.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,6 @@
-"""Commands of isolators between stops: screening, clearance, sizing, jolts."""
+"""Commands of isolators between stops. Chapters: `size` by a map, by damage and by phases; the law
+of a stop from a test; screening, clearance, sizing and jolts; replay of a record; impact absorbers.
+"""
 
 from __future__ import annotations
 
@@ -295,7 +297,7 @@ def identify(
 
 
 # ------------------------------------------------------------------------------
-# Commands of isolators between stops:
+# Commands of isolators between stops: screening, clearance, sizing, jolts.
 # ------------------------------------------------------------------------------
 
 

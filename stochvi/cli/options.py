@@ -1,4 +1,5 @@
-"""Options that several commands have in common, and their effects."""
+"""Options that several commands have in common, and their effects. Chapters: the options;
+`--tolerances`."""
 
 from __future__ import annotations
 

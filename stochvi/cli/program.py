@@ -1,4 +1,6 @@
-"""The program `stochvi`: its group of commands, and how an error becomes a sentence and a code."""
+"""The program `stochvi`. Chapters: output of commands, and the cluster that does their work; the
+group of commands, and how an error becomes a sentence and a code; checks that files can be written.
+"""
 
 from __future__ import annotations
 
@@ -139,7 +141,7 @@ def executor_at(address: str | None) -> Iterator[Executor | None]:
 
 
 # ------------------------------------------------------------------------------
-# The program `stochvi`:
+# The program `stochvi`: its group of commands, and how an error becomes a sentence and a code.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,5 @@
-"""Commands to start from: a scene file, its schema, and the environments that ship."""
+"""Commands to start from. Chapters: `demo`; a scene file, its schema, and the environments that
+ship."""
 
 from __future__ import annotations
 
@@ -130,7 +131,7 @@ def _show_isolator(
 
 
 # ------------------------------------------------------------------------------
-# Commands to start from:
+# Commands to start from: a scene file, its schema, and the environments that ship.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,5 @@
-"""Commands of motions under a sine: regimes, basins, bifurcations, and life times in noise."""
+"""Commands of motions under a sine, and of sweeps. Chapters: regimes, basins, bifurcations and life
+times; a scene over ranges of its keys."""
 
 from __future__ import annotations
 

@@ -4,6 +4,5 @@ This room lies at the bottom of the house beside `mathematics`. It imports numpy
 and nothing of the package.
 
 * `compiling`: how kernels are compiled, and kept on the disk;
-* `ingredients`: the digest of everything that a kernel is made of;
 * `parts`: functions that numba chooses by the class of a named tuple.
 """

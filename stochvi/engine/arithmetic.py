@@ -1,9 +1,6 @@
-"""Logs of single impacts, each with the time at which it happens.
-
-Without a request for impacts a log has no rows, and impacts are not counted. Most kernels lose no
-time by that, and are compiled once. Kernels of many single steps get `None` instead: they are
-compiled a second time without the code for a log, which saves 5 to 10 % of their time.
-"""
+"""Small compiled helpers that all kernels share. Chapters: products and sums with one rounding;
+bits of a float; rows of numbers of many paths; first roots of cubics and quintics; random numbers
+of events; rows of impact sums; when a path rests on a stop; logs of impacts."""
 
 from __future__ import annotations
 
@@ -23,8 +20,7 @@ from stochvi.engine.compiling import kernel
 # The compiler puts a copy of a function into every kernel that calls it. With
 # `fastmath={"contract"}` it may choose which products to fuse, and the copies round differently.
 # Which copy runs then depends on the kernels that the process has compiled or loaded before.
-# Kernels
-# are therefore compiled without `fastmath`, and loops that gain from fusing call `fma`.
+# Kernels are therefore compiled without `fastmath`, and loops that gain from fusing call `fma`.
 # ------------------------------------------------------------------------------
 
 
@@ -95,10 +91,9 @@ number_of.made_of = {object: (type_of_number, write_cast)}  # type: ignore[attr-
 # Numbers of many paths, a row for each number and a lane for each path, in one block of memory.
 #
 # `rows_of(memory)` is a view (rows, ROW) whose strides are constants of the compiled code, and
-# which
-# owns nothing. The compiler then knows that rows do not overlap: loops over the lanes become vector
-# instructions without a test at run time. It counts no references either. Rows must be numbers
-# that are known while compiling, or that do not change within a loop over the lanes.
+# which owns nothing. The compiler then knows that rows do not overlap: loops over the lanes become
+# vector instructions without a test at run time. It counts no references either. Rows must be
+# numbers that are known while compiling, or that do not change within a loop over the lanes.
 # ------------------------------------------------------------------------------
 
 
@@ -189,8 +184,8 @@ columns_of.made_of = {object: (type_of_columns, write_columns)}  # type: ignore[
 # First roots of the polynomials that a displacement is between two instants.
 #
 # Polynomials are given by values and slopes at both ends (cubics), or by their Bernstein
-# coefficients
-# c0 ... c5 (quintics), whose hull holds the polynomial. A root counts where the polynomial rises.
+# coefficients c0 ... c5 (quintics), whose hull holds the polynomial. A root counts where the
+# polynomial rises.
 # ------------------------------------------------------------------------------
 
 
@@ -372,9 +367,8 @@ def time_to_stop(x0, v0, x1, v1, span, stop):
 # Random numbers that belong to an event of a path, and not to its stream.
 #
 # SplitMix64 turns a word that belongs to a path and a step, and the number of an event in that
-# step,
-# into one uniform number. Nothing is kept or advanced: the number is the same however paths are
-# gathered into blocks. The normals of the path are the same with and without it.
+# step, into one uniform number. Nothing is kept or advanced: the number is the same however paths
+# are gathered into blocks. The normals of the path are the same with and without it.
 #
 # Generator: G. L. Steele, D. Lea and C. H. Flood, OOPSLA 2014, 453.
 # ------------------------------------------------------------------------------
@@ -465,6 +459,10 @@ error of double precision: below it, the energy of a rebound is lost in the roun
 
 # ------------------------------------------------------------------------------
 # Logs of single impacts, each with the time at which it happens.
+#
+# Without a request for impacts a log has no rows, and impacts are not counted. Most kernels lose no
+# time by that, and are compiled once. Kernels of many single steps get `None` instead: they are
+# compiled a second time without the code for a log, which saves 5 to 10 % of their time.
 # ------------------------------------------------------------------------------
 
 

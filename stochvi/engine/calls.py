@@ -1,4 +1,6 @@
-"""Calls of functions by their addresses.
+"""Calls of laws, springs, dampers and drives by the addresses of their compiled functions.
+Chapters: addresses; laws of stops; the stops of a structure in tables; drives whose values are
+drawn; springs and dampers; functions that are averaged over time.
 
 A function that is compiled apart from the kernels that call it is known to them by its address. A
 kernel is therefore compiled once, whichever function it calls. Addresses hold for one process.
@@ -74,9 +76,8 @@ def call_by_address(signature: Any) -> Callable[..., Any]:
 # How kernels call the laws of stops.
 #
 # The functions of a class of laws are compiled apart from the kernels that call them, which know
-# them
-# by their addresses (`compiled_laws`). A kernel is therefore compiled once for all laws. The
-# sub-steps of many lanes are one call, so that the price of a call does not count.
+# them by their addresses. A kernel is therefore compiled once for all laws. The sub-steps of many
+# lanes are one call, so that the price of a call does not count.
 # ------------------------------------------------------------------------------
 
 
@@ -325,15 +326,14 @@ def stops_of(
 # ------------------------------------------------------------------------------
 # What a kernel asks of a drive: a force whose values are drawn in the course of a path.
 #
-# A drive is a characteristic (`characteristic`) that also has bodies of its own for
+# A drive is a characteristic (`parts`) that also has bodies of its own for
 #
 #     drawn(part, z, word, event, h)    what it remembers after the time h, from its random numbers
 #
 # and for `draws`. The number z that it remembers is drawn before each kick; the kick then acts by
 # `kicked`. The random numbers of a drive are `uniform_of(word, event + k)` with k = 0, 1, ... below
 # MOST_DRAWS. They belong to half a step of a path, not to its stream: a path at twice the step
-# meets
-# the same values.
+# meets the same values.
 # ------------------------------------------------------------------------------
 
 
@@ -443,7 +443,7 @@ def changes_of(part, word, event, h, found):
 # ------------------------------------------------------------------------------
 # How kernels call springs and dampers that are functions: by an address, for all lanes at once.
 #
-# As for the laws of stops (`law_calls`), a kernel is compiled once for all classes of parts.
+# As for the laws of stops above, a kernel is compiled once for all classes of parts.
 # ------------------------------------------------------------------------------
 
 

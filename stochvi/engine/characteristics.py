@@ -1,4 +1,6 @@
-"""A drive that is a function of a user's own, compiled for its author."""
+"""Springs, dampers and drives that are functions, as kernels know them. Chapters: polynomials and
+Duffing; Coulomb friction; Rayleigh and van der Pol; tables; Bouc-Wen hysteresis; modulated
+strengths; switched drives; random impulses; forces and drives of a user's own."""
 
 from __future__ import annotations
 

@@ -1,58 +1,6 @@
-"""How kernels are compiled, and kept on the disk.
-
-`@kernel` stands before every compiled function of the package, and before the helper functions of
-users' own parts:
-
-    @kernel
-    def energy(mass, speed):
-        return 0.5 * mass * speed**2
-
-It is `numba.njit` with the error model of numpy and without the global lock of Python. Its rule for
-the machine code on the disk is another.
-
-**What a kernel on the disk is known by.** numba looks at the file of a function alone, although the
-functions that it calls and the values of its globals are compiled into it. A kernel is therefore
-kept under the digest of everything that it is made of (`ingredients`), in whichever files that
-lies. After a change of any of it the kernel is compiled again. Nothing has to be declared for what
-a kernel names: compiled functions, also from a closure, numbers, tuples, arrays, and classes of
-named tuples.
-
-**What is optimised.** numba optimises a function, makes machine code of it, and does so again in
-each of its callers: the time that this takes rises with the depth of calls. Here a function that
-kernels call is a `LinkedKernel`, which is only linked. A kernel that Python calls is optimised as
-a whole, once. A linked kernel is compiled once for all numbers of a type. numba would compile it
-once more for each number that stands in a call.
-
-**What compiles fast.** A function costs some 20 ms of CPU time, however short it is. Write small
-views and casts by `type_callable` and `lower_builtin`, as `engine/arithmetic.py` does, not
-by `overload`.
-Write loops for `a[:] = b` and `a += b`, for which numba compiles the texts of errors (1 s).
-Hand on large named tuples by `borrowed`: a call then takes one address in place of hundreds of
-numbers. Functions of numbers take `forceinline=True`. `inline="always"` repeats their passes in
-each caller; it is for loops over lanes that gain from it.
-
-**How a kernel composed of parts declares what it is made of.** A generic function of `parts` holds
-its bodies by class, in its dictionary `made_of`. The digest takes the bodies for the classes of the
-arguments of a kernel, for the classes that these name, and for `object`, and no others: a law that
-is not in a kernel does not have it compiled again. A function that numba compiles by other means
-(`overload`, `type_callable` with `lower_builtin`) declares the same by hand:
-
-    fma.made_of = {object: (type_of_fma, write_fma)}
-
-**What is not kept.** A kernel is compiled anew in each process where the digest would not determine
-it, for instance where a part is defined in `__main__`. `Kernel.obstacles` says why, so that an
-answer can say so.
-
-**Where.** The places are numba's own: the folder NUMBA_CACHE_DIR where that is set, else
-`__pycache__` beside the kernel, else, where that cannot be written, a folder of the user. A file
-holds one kernel for one signature. A file that cannot be read is removed, and the kernel is
-compiled again.
-
-**Which process.** Processes that start together need the same kernels. One of them compiles a
-kernel while the others wait, and then they load it. While a process waits, it sends numba's events
-"stochvi:wait" and, before each attempt, "stochvi:look"; a listener may end the waiting by an
-exception.
-"""
+"""How kernels are compiled, and kept on the disk. Chapters: the digest of everything that a kernel
+is made of (`Ingredients`); the decorator `kernel`, the files of compiled code, and processes that
+wait for each other."""
 
 from __future__ import annotations
 
@@ -311,6 +259,59 @@ def _package(value: Any) -> str:
 
 # ------------------------------------------------------------------------------
 # How kernels are compiled, and kept on the disk.
+#
+# `@kernel` stands before every compiled function of the package, and before the helper functions of
+# users' own parts:
+#
+#     @kernel
+#     def energy(mass, speed):
+#         return 0.5 * mass * speed**2
+#
+# It is `numba.njit` with the error model of numpy and without the global lock of Python. Its rule
+# for the machine code on the disk is another.
+#
+# **What a kernel on the disk is known by.** numba looks at the file of a function alone, although
+# the functions that it calls and the values of its globals are compiled into it. A kernel is
+# therefore kept under the digest of everything that it is made of (`Ingredients`), in whichever
+# files that lies. After a change of any of it the kernel is compiled again. Nothing has to be
+# declared for what a kernel names: compiled functions, also from a closure, numbers, tuples,
+# arrays, and classes of named tuples.
+#
+# **What is optimised.** numba optimises a function, makes machine code of it, and does so again in
+# each of its callers: the time that this takes rises with the depth of calls. Here a function that
+# kernels call is a `LinkedKernel`, which is only linked. A kernel that Python calls is optimised as
+# a whole, once. A linked kernel is compiled once for all numbers of a type. numba would compile it
+# once more for each number that stands in a call.
+#
+# **What compiles fast.** A function costs some 20 ms of CPU time, however short it is. Write small
+# views and casts by `type_callable` and `lower_builtin`, as `engine/arithmetic.py` does, not by
+# `overload`. Write loops for `a[:] = b` and `a += b`, for which numba compiles the texts of errors
+# (1 s). Hand on large named tuples by `borrowed`: a call then takes one address in place of
+# hundreds of numbers. Functions of numbers take `forceinline=True`. `inline="always"` repeats their
+# passes in each caller; it is for loops over lanes that gain from it.
+#
+# **How a kernel composed of parts declares what it is made of.** A generic function of `parts`
+# holds its bodies by class, in its dictionary `made_of`. The digest takes the bodies for the
+# classes of the arguments of a kernel, for the classes that these name, and for `object`, and no
+# others: a law that is not in a kernel does not have it compiled again. A function that numba
+# compiles by other means (`overload`, `type_callable` with `lower_builtin`) declares the same by
+# hand:
+#
+#     fma.made_of = {object: (type_of_fma, write_fma)}
+#
+# **What is not kept.** A kernel is compiled anew in each process where the digest would not
+# determine it, for instance where a part is defined in `__main__`. `Kernel.obstacles` says why, so
+# that an answer can say so.
+#
+# **Where.** The places are numba's own: the folder NUMBA_CACHE_DIR where that is set, else
+# `__pycache__` beside the kernel, else, where that cannot be written, a folder of the user. A file
+# holds one kernel for one signature. A file that cannot be read is removed, and the kernel is
+# compiled again.
+#
+# **Which process.** Processes that start together need the same kernels. One of them compiles a
+# kernel while the others wait, and then they load it. While a process waits, it sends numba's
+# events "stochvi:wait" and, before each attempt, "stochvi:look"; a listener may end the waiting by
+# an exception.
 # ------------------------------------------------------------------------------
 
 
@@ -359,7 +360,7 @@ many new objects, and at all objects never."""
 
 
 class Kernel(CPUDispatcher):  # type: ignore[misc]
-    """A compiled function; see the description of this module.
+    """A compiled function; see the beginning of this chapter.
 
     Parameters
     ----------

@@ -1,18 +1,5 @@
-"""Contacts of one path with any number of compliant stops at the same time.
-
-Without the forces of these stops each gap is a quintic z(t) over what is left of the step. With
-them it is z plus the response to their pushes (`pushes`), so that the motion obeys
-
-    y_j'' = z_j'' + sum_i (G_ij f_i + sum_k c''_ijk S_ik),    f = -F(y, y') on an upper stop
-
-G_ij is the immediate response of gap j to a push on pair i; the other sum is the response to all
-pushes so far. The number of modes does not enter. The equations are integrated by the method of
-Nyström, of order 4. A sub-step is a fixed part of the shortest time scale of all contacts together.
-It ends at every event: a touch, an impact on a rigid stop, and where a stop ceases or begins to
-push. A contact may last longer than the step.
-
-A stop is seen as an upper one: y is its deflection, v the rate of that.
-"""
+"""Contacts of one path with any number of compliant stops at the same time. Chapters: the contacts;
+what is left of a step, with impacts and contacts on any pairs."""
 
 from __future__ import annotations
 
@@ -67,6 +54,23 @@ from stochvi.engine.sub_steps import (
     share_above_zero,
     tangent_of,
 )
+
+# ------------------------------------------------------------------------------
+# Contacts of one path with any number of compliant stops at the same time.
+#
+# Without the forces of these stops each gap is a quintic z(t) over what is left of the step. With
+# them it is z plus the response to their pushes (`sub_steps`), so that the motion obeys
+#
+#     y_j'' = z_j'' + sum_i (G_ij f_i + sum_k c''_ijk S_ik),    f = -F(y, y') on an upper stop
+#
+# G_ij is the immediate response of gap j to a push on pair i; the other sum is the response to all
+# pushes so far. The number of modes does not enter. The equations are integrated by the method of
+# Nyström, of order 4. A sub-step is a fixed part of the shortest time scale of all contacts
+# together. It ends at every event: a touch, an impact on a rigid stop, and where a stop ceases or
+# begins to push. A contact may last longer than the step.
+#
+# A stop is seen as an upper one: y is its deflection, v the rate of that.
+# ------------------------------------------------------------------------------
 
 MOST_NEWTON = 40
 """Largest number of Newton steps to the time of an event; each repeats a sub-step."""
@@ -124,7 +128,7 @@ class Tally(NamedTuple):
     peaks : (lanes, pairs, 2), the largest forces so far of contacts that last from step to step.
     sums : (pairs, rows, lanes), added to.
     lane : number of the path in them.
-    word : that of the path in this step, by which `uniform_numbers` draws what scatters.
+    word : that of the path in this step, by which `arithmetic` draws what scatters.
     """
 
     peaks: NDArray[np.float64]
@@ -688,11 +692,10 @@ def integrate_contacts(
 # What is left of a step of one path, with any number of impacts and contacts on any pairs.
 #
 # Without the stops each gap is the quintic through its values, slopes and curvatures at both ends
-# of
-# what is left of the step. An event is the first upward root of the distance beyond a stop. A rigid
-# stop turns the speed at once; a contact with a compliant one is integrated until no such stop is
-# touched (`contacts`). Both are pushes, whose responses are added to the ends (`pushes`). They act
-# along M^-1 d, so that elastic impacts keep the energy.
+# of what is left of the step. An event is the first upward root of the distance beyond a stop. A
+# rigid stop turns the speed at once; a contact with a compliant one is integrated until no such
+# stop is touched (`integrate_contacts`). Both are pushes, whose responses are added to the ends
+# (`sub_steps`). They act along M^-1 d, so that elastic impacts keep the energy.
 # ------------------------------------------------------------------------------
 
 

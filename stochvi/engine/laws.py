@@ -1,4 +1,6 @@
-"""A force that is a function of a user's own, compiled for its author."""
+"""Impact laws as kernels know them. Chapters: constant restitution; restitution that scatters;
+restitution that depends on the speed; linear spring with or without damper; Hertz; power law with
+loss; table; a function of a user's own."""
 
 from __future__ import annotations
 

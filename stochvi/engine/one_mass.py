@@ -1,10 +1,5 @@
-"""What is left of a step of one mass in which it may touch its stops.
-
-Between the stops the mass moves as a flow says (`mass_flows`). An impact on a rigid stop takes no
-time. A contact with a compliant stop is followed (`mass_contacts`), unless the flow knows it as a
-whole, from the tables of `complete_contacts`. A step may hold any number of both, and a contact may
-last many steps.
-"""
+"""What is left of a step of one mass that may touch its stops. Chapters: tables of complete
+contacts; motion between the stops; impacts and contacts in the rest of a step."""
 
 from __future__ import annotations
 
@@ -46,10 +41,8 @@ from stochvi.engine.sub_steps import decay, time_to_touch, undamped_motion
 # Contacts of one mass that begin with a touch and end within a step.
 #
 # No noise acts within a step, so that such a contact is a function of the speed of the touch.
-# Tables
-# of polynomials hold that function. A contact is then read from them instead of being followed,
-# which
-# makes the price of a contact the same for all laws.
+# Tables of polynomials hold that function. A contact is then read from them instead of being
+# followed, which makes the price of a contact the same for all laws.
 # ------------------------------------------------------------------------------
 
 
@@ -201,7 +194,7 @@ def known_contact(flow, w, left, which, at, sums, lane):
 
 @generic
 def follow_in(flow, y, v, left, which, at, found):
-    """Follow a contact from the deflection y and its rate v; see `law_calls.follow`."""
+    """Follow a contact from the deflection y and its rate v; see `calls.follow`."""
 
 
 @generic
@@ -316,6 +309,11 @@ def _(flow, x, v, left, x_after, v_after, left_after):
 
 # ------------------------------------------------------------------------------
 # What is left of a step of one mass in which it may touch its stops.
+#
+# Between the stops the mass moves as a flow says (`Rotation`, `Chord`). An impact on a rigid stop
+# takes no time. A contact with a compliant stop is followed (`sub_steps`), unless the flow knows it
+# as a whole, from the tables above. A step may hold any number of both, and a contact may last many
+# steps.
 # ------------------------------------------------------------------------------
 
 
@@ -395,7 +393,7 @@ def finish_step(flow, x, v, left, at, threshold, peaks, sums, lane, word, found,
 
     Parameters
     ----------
-    flow : how the mass moves between its stops, a class of `mass_flows`.
+    flow : how the mass moves between its stops, `Rotation` or `Chord`.
     left : s, what is left of the step.
     at : `MassStops`.
     threshold : m/s, speed of the slowest impact that is counted.
@@ -403,7 +401,7 @@ def finish_step(flow, x, v, left, at, threshold, peaks, sums, lane, word, found,
         stop.
     sums : (paths, rows of a contact pair), added to.
     lane : number of the path.
-    word : that of the path in this step, by which `uniform_numbers` draws what scatters.
+    word : that of the path in this step, by which `arithmetic` draws what scatters.
     found : FOUND numbers, overwritten.
     page : None, or part of a log, which gets the impacts that are counted.
     """

@@ -1,21 +1,6 @@
-"""Functions that numba chooses, while it compiles, by the class of their first argument.
-
-A kernel calls a generic function. A part is a class of named tuples that has a function of its own
-for it:
-
-    @generic
-    def rebound(law, speed):
-        "Speed after an impact, m/s."
-
-    class Constant(NamedTuple):
-        restitution: float
-
-    @rebound.of(Constant)
-    def _(law, speed):
-        return law.restitution * speed
-
-What a kernel calls is settled when it is compiled: neither a branch nor a pointer is left in it.
-"""
+"""Functions that numba chooses by the class of their first argument. Chapters: the choice
+(`generic`); what a kernel asks of the law of a stop; what it asks of a spring or damper that is a
+function."""
 
 from __future__ import annotations
 
@@ -30,6 +15,26 @@ from numba.core.types import NoneType  # type: ignore[attr-defined]
 from numba.extending import overload
 
 from stochvi.engine.compiling import Ingredients, LinkingCompiler
+
+# ------------------------------------------------------------------------------
+# Functions that numba chooses, while it compiles, by the class of their first argument.
+#
+# A kernel calls a generic function. A part is a class of named tuples that has a function of its
+# own for it:
+#
+#     @generic
+#     def rebound(law, speed):
+#         "Speed after an impact, m/s."
+#
+#     class Constant(NamedTuple):
+#         restitution: float
+#
+#     @rebound.of(Constant)
+#     def _(law, speed):
+#         return law.restitution * speed
+#
+# What a kernel calls is settled when it is compiled: neither a branch nor a pointer is left in it.
+# ------------------------------------------------------------------------------
 
 
 class Generic:
@@ -118,9 +123,9 @@ def generic(stub: Callable[..., Any] | None = None, *, inline: bool = True) -> A
 #
 # The other functions say how a contact is followed; they have bodies that serve most laws.
 #
-# A law is known to a kernel by the numbers of its stop, a row of a table, from which `read` makes
-# it.
-# `compiled_laws` compiles the functions of a class on their own, so that a kernel serves all laws.
+# A law is known to a kernel by the numbers of its stop, a row of a table, from which `read_law`
+# makes it. `calls` compiles the functions of a class on their own, so that a kernel serves all
+# laws.
 # ------------------------------------------------------------------------------
 
 
@@ -244,20 +249,17 @@ def _(law):
 # What a kernel asks of a spring or damper that is a function.
 #
 # A characteristic is a class of named tuples of numbers, for forces per unit mass. It has one body
-# of
-# its own, and others where the defaults are wrong:
+# of its own, and others where the defaults are wrong:
 #
 #     pull(part, x, v, z)    force against the displacement x at the rate v, with the memory z
 #
 # A kick changes the rate v while x stays: v' = k x + c v + f - pull. The affine force is in the
-# flow
-# of the linear structure, and a kick takes it out again. `kicked` solves this equation; by default
-# v
-# does not enter the force. A part whose force depends on v says so by `damps`.
+# flow of the linear structure, and a kick takes it out again. `kicked` solves this equation; by
+# default v does not enter the force. A part whose force depends on v says so by `damps`.
 #
 # A force with hysteresis has a memory z that changes with x alone, by `moved`, whose rate is
-# `slope`.
-# What sees the motion in time changes its memory in each kick, by `watched`, before it acts.
+# `slope`. What sees the motion in time changes its memory in each kick, by `watched`, before it
+# acts.
 # ------------------------------------------------------------------------------
 
 

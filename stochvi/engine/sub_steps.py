@@ -1,8 +1,6 @@
-"""Contacts of many lanes side by side, as far as they depend on the law of their stops.
-
-The equations are those of `contacts` for one pair; `together` writes the start of each contact into
-the rows of scratch, and takes its moments and sums from there.
-"""
+"""Contacts in sub-steps of their own time scale. Chapters: motion of one mass on its spring; linear
+pieces of a force in closed form; effect of a push on a gap; friction of stops; memory of contacts
+side by side; many lanes side by side; one mass in contact."""
 
 from __future__ import annotations
 
@@ -214,8 +212,7 @@ def through_piece(y, v, left, piece, pressing, stiffness, found):
 #     y(t) = z(t) + sum_k c_k S_k(t),    S_k(t) = int (t - t')^k f(t') dt'
 #
 # An impact that changes the speed by J, a time s ago, has S_k = J s^k. As time goes on without
-# force,
-# moments change as the powers of a time do.
+# force, moments change as the powers of a time do.
 # ------------------------------------------------------------------------------
 
 
@@ -383,14 +380,12 @@ def share_above_zero(f0, middle, f1):
 # Stops that rub: Coulomb's friction in an impact that takes no time, and in a contact that lasts.
 #
 # Normal and tangential motion are two rows of the structure, n into the stop and t along it. While
-# a
-# stop pushes, its impulse p changes the speed w into the stop and the speed u along it at
+# a stop pushes, its impulse p changes the speed w into the stop and the speed u along it at
 #
 #     dw/dp = -1/m_n + b dq/dp,    du/dp = -b + dq/dp / m_t,    b = n M^-1 t
 #
 # with the reduced masses m_n and m_t. Friction is dq = -mu sign(u) dp while the stop slides. Where
-# u
-# ends, it sticks if mu bears that, and otherwise slides back (Routh 1905). The impact ends by the
+# u ends, it sticks if mu bears that, and otherwise slides back (Routh 1905). The impact ends by the
 # energetic restitution: the normal force gives back the share R^2 of the work that it took in
 # compression (Stronge 1990). Where n and t are not coupled, that is w+ = -R w-, and while it slides
 # an impact takes mu (1 + R) w- m_n / m_t from the speed u (B 1.62). Neither force gives more work
@@ -399,11 +394,9 @@ def share_above_zero(f0, middle, f1):
 # Speeds are used in the place of impulses: p / m_n and q / m_t.
 #
 # In a contact with a compliant stop friction acts sub-step by sub-step, as an impulse in its
-# middle.
-# Over a sub-step the speed along the stop changes evenly with the normal impulse. Friction takes mu
-# times that impulse from it while it slides. Where it ends, the contact sticks if friction bears
-# what
-# drives it, and otherwise slides back.
+# middle. Over a sub-step the speed along the stop changes evenly with the normal impulse. Friction
+# takes mu times that impulse from it while it slides. Where it ends, the contact sticks if friction
+# bears what drives it, and otherwise slides back.
 # ------------------------------------------------------------------------------
 
 
@@ -572,6 +565,9 @@ onto the stop; numbers of the law; moments of the push."""
 
 # ------------------------------------------------------------------------------
 # Contacts of many lanes side by side, as far as they depend on the law of their stops.
+#
+# The equations are those of `contacts` for one pair; `together` writes the start of each contact
+# into the rows of scratch, and takes its moments and sums from there.
 # ------------------------------------------------------------------------------
 
 
@@ -746,8 +742,8 @@ def press(kind, memory, low, high, numbers, fastest):
 #
 #     y'' = pressing - stiffness y - F(y, y'),
 #
-# y the deflection. A force that is linear is followed in closed form, by the files of such laws.
-# This file takes sub-steps for any force. They also follow a mass that is shaken,
+# y the deflection. A force that is linear is followed in closed form, by its law. Sub-steps serve
+# any force. They also follow a mass that is shaken,
 #
 #     y'' = p(t) - stiffness y - damping y' - F(y, y'),    p a polynomial of third order.
 # ------------------------------------------------------------------------------

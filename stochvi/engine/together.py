@@ -1,7 +1,7 @@
 """What is left of a step of many paths, with contacts integrated side by side.
 
 Each lane in which a stop may be reached goes on by itself, through impacts on rigid stops
-(`alone.until_contact`). It waits where it touches a compliant stop. In rounds, all contacts with
+(`contacts.until_contact`). It waits where it touches a compliant stop. In rounds, all contacts with
 stops whose laws are of one class are integrated side by side (`sub_steps`), and their lanes go on.
 Some lanes finish their step alone, with the same equations: those that rest on a stop, those whose
 stop rubs, and those in which another stop may be reached during the contact.

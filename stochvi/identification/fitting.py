@@ -1,4 +1,5 @@
-"""Least squares of a law to a test, and whether one law fits significantly better than another."""
+"""The law of a stop, fitted to a test. Chapters: laws as functions of numbers of the order of 1;
+least squares, and which law fits better; the fitted laws, and the one to take; the calculation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""What a user measures of a stop: rebounds, times of impacts, a force over deflection, a drop."""
+"""What a user measures of a stop. Chapters: rebounds, times of impacts, a force over deflection, a
+drop; a test from a file."""
 
 from __future__ import annotations
 

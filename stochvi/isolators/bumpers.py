@@ -1,4 +1,6 @@
-"""The bumper map: what impacts do to a mass, over the clearance and the stiffness of its stops."""
+"""The bumper map: what impacts do to a mass, over the clearance and the stiffness of its stops.
+Chapters: the answer; impacts on stops of many stiffnesses from the same motions; the calculation.
+"""
 
 from __future__ import annotations
 
@@ -221,9 +223,8 @@ class BumperMap(Result):
 # Impacts at one clearance on stops of many stiffnesses, from the same motions.
 #
 # Where first impacts are rare, a trial is a cluster from its first impact on; fast first impacts
-# are
-# drawn more often, and weighted. Where they are not, it is a record of the whole motion. The motion
-# without stops is made once, and what stops of each stiffness make of it is simulated.
+# are drawn more often, and weighted. Where they are not, it is a record of the whole motion. The
+# motion without stops is made once, and what stops of each stiffness make of it is simulated.
 # ------------------------------------------------------------------------------
 
 
@@ -261,7 +262,7 @@ class TrialPart(NamedTuple):
     Parameters
     ----------
     ages
-        Ages of its crossings, see `cluster_paths.Part`.
+        Ages of its crossings, see `clusters.Part`.
     path, weight
         (trials,): path of each trial, and its weight, as in `Bursts`; 1 of records.
     fastest, sharpest, hardest, deepest
@@ -476,9 +477,8 @@ def trials_of(sampler: ClearanceTrials, parts: Sequence[TrialPart]) -> list[Tria
 # What impacts do to a mass over the clearance and the stiffness of its stops.
 #
 # At each clearance, impacts on the stops of all stiffnesses follow from the same motions
-# (`trials.py`). Mount, base and stops move the mass in a contact, and the largest acceleration,
-# force
-# and deflection are those of that motion.
+# (`TrialPart`). Mount, base and stops move the mass in a contact, and the largest acceleration,
+# force and deflection are those of that motion.
 # ------------------------------------------------------------------------------
 
 
@@ -767,7 +767,7 @@ def _check(scene: Scene, mission: float, exceedance: float) -> None:
 
 
 # ------------------------------------------------------------------------------
-# The bumper map:
+# The bumper map: what impacts do to a mass, over the clearance and the stiffness of its stops.
 # ------------------------------------------------------------------------------
 
 

@@ -1,5 +1,5 @@
-"""Jolts: whether a structure that does not hit its stops can be thrown into clatter, and how long
-it stays there."""
+"""Jolts: whether a structure can be thrown into clatter, and how long that lasts. Chapters:
+contacts of an isolated mass with a stop; the jolts."""
 
 from __future__ import annotations
 
@@ -124,7 +124,8 @@ def hardest_contact(
 
 
 # ------------------------------------------------------------------------------
-# Jolts:
+# Jolts: whether a structure that does not hit its stops can be thrown into clatter, and how long it
+# stays there.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,6 @@
-"""The risk of a production, whose units differ within their tolerances."""
+"""The risk of a production, whose units differ within their tolerances. Chapters: the answer; the
+scene about which units vary; units by linear theory; units drawn where the risk is; units
+simulated; the clearance that keeps the risk."""
 
 from __future__ import annotations
 
@@ -258,12 +260,9 @@ class Start:
 # Units of a production: how each moves and where its stops are, and its risk by linear theory.
 #
 # A unit is a row of amounts, one for each quantity that varies. Its gaps are Gaussian, with the
-# rms,
-# the rate and the mean that `Region.gaps` finds on a grid of mounts; level and clearances need no
-# new
-# solution. The risk of a unit is that of the scene as stated, times the ratio of Rice's rates of
-# all
-# of their stops.
+# rms, the rate and the mean that `Region.gaps` finds on a grid of mounts; level and clearances need
+# no new solution. The risk of a unit is that of the scene as stated, times the ratio of Rice's
+# rates of all of their stops.
 # ------------------------------------------------------------------------------
 
 
@@ -498,16 +497,12 @@ def _place(name: str, amounts: Vector) -> Vector:
 # Points of units that are drawn more often where their risk is, each with its weight.
 #
 # A rare mean is that of a few units: of 4096 units of even probability two may carry a mean of
-# 1e-4.
-# So a share of the units is drawn from Gaussian distributions of their normal scores. The scores
-# are
-# the points of the unit cube as quantiles of a normal distribution. Each stop that most units with
-# a
-# risk hit has one such distribution. The distributions are fitted in rounds (cross-entropy method):
-# each draws from the last, with the risk to a power that rises to 1, so that no round hangs on a
-# few
-# units. Weights are those of the mixture with the units of even probability (balance heuristic),
-# which keeps them bounded.
+# 1e-4. So a share of the units is drawn from Gaussian distributions of their normal scores. The
+# scores are the points of the unit cube as quantiles of a normal distribution. Each stop that most
+# units with a risk hit has one such distribution. The distributions are fitted in rounds
+# (cross-entropy method): each draws from the last, with the risk to a power that rises to 1, so
+# that no round hangs on a few units. Weights are those of the mixture with the units of even
+# probability (balance heuristic), which keeps them bounded.
 #
 # References
 # ----------
@@ -631,17 +626,13 @@ def fitted(
 # ------------------------------------------------------------------------------
 # The risk of any impact over a production, and the clearance that keeps it.
 #
-# Each unit has its probability of an impact by linear theory (`units.py`), and Sobol' points give
-# the
+# Each unit has its probability of an impact by linear theory (`Units`), and Sobol' points give the
 # mean over all units. Where few of them carry that mean, as many more are drawn where the risk is
-# (`draws.py`). The theory leaves out that impacts of another mount cluster otherwise. Units that
-# need
+# (`fitted`). The theory leaves out that impacts of another mount cluster otherwise. Units that need
 # little, a usual and much clearance are simulated, and what they are off by is interpolated over
-# that
-# need. Then a few units are drawn in proportion to their risk, and simulated. The mean of their
-# true
-# probability over the one so far is the factor by which the whole mean is off (importance
-# sampling).
+# that need. Then a few units are drawn in proportion to their risk, and simulated. The mean of
+# their true probability over the one so far is the factor by which the whole mean is off
+# (importance sampling).
 # ------------------------------------------------------------------------------
 
 

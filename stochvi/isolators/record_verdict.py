@@ -1,4 +1,5 @@
-"""Whether a measured record moves a structure as Gaussian noise of the same spectrum would."""
+"""Whether a measured record moves a structure as Gaussian noise of its spectrum would. Chapters:
+motion of gaps under a record without impacts; the verdict."""
 
 from __future__ import annotations
 

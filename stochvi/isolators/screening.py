@@ -1,4 +1,6 @@
-"""Linear screening: every coordinate, point and gap of a scene, stops left out."""
+"""Linear screening of a scene, stops left out. Chapters: stops at given clearances; excitation and
+motion in numbers; a scene at rest; coordinates, points and gaps; impact rates against clearance by
+Rice, moment closure and Monte Carlo."""
 
 from __future__ import annotations
 
@@ -296,7 +298,7 @@ def scene_at_rest(scene: Scene) -> SceneAtRest:
 
 
 # ------------------------------------------------------------------------------
-# Linear screening:
+# Linear screening: every coordinate, point and gap of a scene, stops left out.
 # ------------------------------------------------------------------------------
 
 

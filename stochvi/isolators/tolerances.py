@@ -1,11 +1,5 @@
-"""The largest clearances over the whole region of tolerances, by linear theory.
-
-The response over frequency is known, so that rms, rate of crossings and mean of every gap are cheap
-at any point of the region. The clearance for the same risk is the one at which stops are crossed at
-the same rate (Rice); the distance by which the mean has moved is added to it. Impacts are taken to
-cluster as in the nominal scene. Inside the region a resonance may meet a peak of the excitation:
-the ends of the tolerances do not suffice.
-"""
+"""Tolerances of a scene. Chapters: changes of a scene within its tolerances; their distributions in
+a production; the largest clearances over the whole region, by linear theory."""
 
 from __future__ import annotations
 
@@ -494,6 +488,12 @@ def in_words(spreads: Mapping[str, Spread]) -> str:
 
 # ------------------------------------------------------------------------------
 # The largest clearances over the whole region of tolerances, by linear theory.
+#
+# The response over frequency is known, so that rms, rate of crossings and mean of every gap are
+# cheap at any point of the region. The clearance for the same risk is the one at which stops are
+# crossed at the same rate (Rice); the distance by which the mean has moved is added to it. Impacts
+# are taken to cluster as in the nominal scene. Inside the region a resonance may meet a peak of the
+# excitation: the ends of the tolerances do not suffice.
 # ------------------------------------------------------------------------------
 
 

@@ -1,5 +1,6 @@
-"""Impact statistics: distributions of impact speed, crossing rates, and the balances they must
-obey."""
+"""Distributions of displacement and impact speed, and rates of crossings. Chapters: the beta
+distribution; the density C exp(slope x - curvature x^2 / 2) between stops; impact speeds, crossing
+rates and their balances; passages of a level at equal samples."""
 
 from __future__ import annotations
 
@@ -296,7 +297,7 @@ def normal_density(x: ArrayLike, mean: float, deviation: float) -> NDArray[np.fl
 
 
 # ------------------------------------------------------------------------------
-# Impact statistics:
+# Impact statistics: distributions of impact speed, crossing rates, and the balances they must obey.
 # ------------------------------------------------------------------------------
 
 

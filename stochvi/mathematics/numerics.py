@@ -1,9 +1,5 @@
-"""The root of a function in a bracket, by the method of Brent, without loading scipy.optimize.
-
-That module takes a quarter of a second to load, a tenth of a first answer. The steps are those of
-its `brentq`, with the same digits: R. P. Brent, Algorithms for Minimization Without Derivatives,
-1973, chapter 4.
-"""
+"""Basic numerics. Chapters: types of arrays; comparisons that rounding must not decide;
+Gauss-Legendre quadrature; roots by the method of Brent."""
 
 from __future__ import annotations
 
@@ -136,6 +132,10 @@ def gauss_panels(edges: ArrayLike, nodes: int) -> tuple[Vector, Vector]:
 
 # ------------------------------------------------------------------------------
 # The root of a function in a bracket, by the method of Brent, without loading scipy.optimize.
+#
+# That module takes a quarter of a second to load, a tenth of a first answer. The steps are those of
+# its `brentq`, with the same digits: R. P. Brent, Algorithms for Minimization Without Derivatives,
+# 1973, chapter 4.
 # ------------------------------------------------------------------------------
 
 

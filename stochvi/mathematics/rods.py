@@ -1,11 +1,5 @@
-"""Impacts of rods by their waves (St Venant; Timoshenko and Goodier, Theory of Elasticity, sections
-168 and 169; B 1.1 to 1.27).
-
-A rod of cross-section A, Young's modulus E and density rho has the wave speed c = sqrt(E / rho) and
-the impedance Z = A sqrt(E rho): a wave that moves its particles at the speed v carries the force
-Z v. What arrives at the face of a rod is F = Z v there, and what leaves it follows from the contact
-force P and the speed of the face.
-"""
+"""Bars, beams and rods from exact solutions. Chapters: natural modes and static compliance; impacts
+of rods by their waves."""
 
 from __future__ import annotations
 
@@ -321,6 +315,11 @@ def bar_compliance(support: str, x: float, y: float, *, tip_spring: float = 0.0)
 # ------------------------------------------------------------------------------
 # Impacts of rods by their waves (St Venant; Timoshenko and Goodier, Theory of Elasticity, sections
 # 168 and 169; B 1.1 to 1.27).
+#
+# A rod of cross-section A, Young's modulus E and density rho has the wave speed c = sqrt(E / rho)
+# and the impedance Z = A sqrt(E rho): a wave that moves its particles at the speed v carries the
+# force Z v. What arrives at the face of a rod is F = Z v there, and what leaves it follows from the
+# contact force P and the speed of the face.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,6 @@
-"""Spectral tables and the response of a linear oscillator to them.
+"""Spectral tables and linear responses to noise. Chapters: tables, and the response of an
+oscillator; structures of several modes by frequency; white noise, with exact steps and stationary
+covariance; growth of moments under random or periodic coefficients.
 
 All densities here are one-sided per hertz and in SI units; f is in hertz, omega = 2 pi f.
 """

@@ -1,17 +1,5 @@
-"""Conversion factors of units, and the conventions of spectral densities.
-
-Inside the package white noise is described by its intensity S0,
-
-    E f(t) f(t + tau) = S0 delta(tau),
-
-a two-sided density over angular frequency whose integral over omega / (2 pi) is the mean
-square. Engineers' tables, and everything that enters or leaves through a scene file, are
-one-sided densities per hertz, G(f) = 2 S(2 pi f).
-
-Displacements are relative displacements in the impact pair, in metres from the position of
-the unloaded spring; a clearance is per side. A base acceleration a acts on the relative
-motion as the acceleration -a.
-"""
+"""Units. Chapters: checks of plain arguments against their annotations; conversion factors, and the
+conventions of spectral densities; units in which quantities are shown."""
 
 from __future__ import annotations
 
@@ -310,6 +298,18 @@ def with_checks(kind: type[T]) -> type[T]:
 
 # ------------------------------------------------------------------------------
 # Conversion factors of units, and the conventions of spectral densities.
+#
+# Inside the package white noise is described by its intensity S0,
+#
+#     E f(t) f(t + tau) = S0 delta(tau),
+#
+# a two-sided density over angular frequency whose integral over omega / (2 pi) is the mean square.
+# Engineers' tables, and everything that enters or leaves through a scene file, are one-sided
+# densities per hertz, G(f) = 2 S(2 pi f).
+#
+# Displacements are relative displacements in the impact pair, in metres from the position of the
+# unloaded spring; a clearance is per side. A base acceleration a acts on the relative motion as the
+# acceleration -a.
 # ------------------------------------------------------------------------------
 
 

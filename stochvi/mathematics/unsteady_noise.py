@@ -1,15 +1,6 @@
-"""Noise with fast peaks: a steady kurtosis above 3 at a given density.
-
-A Gaussian signal u of unit variance is made peaked by a monotone cubic without memory (S. R.
-Winterstein, J. Eng. Mech. 114 (1988) 1772), and a linear filter L gives it its density back:
-
-    x = L [u + h He_3(u)],    He_3(u) = u^3 - 3 u
-
-With the correlation rho of u that of He_3(u) is 6 rho^3 (Mehler's formula). So the filter that
-leaves the density exactly as it was is known: |L|^2 = S / (S + 6 h^2 S_3), where rho^3 has the
-density S_3. No signal of a bounded band comes from a cubic alone, as rho^3 reaches to three times
-the band. The filter takes off a part of the kurtosis, so that h is found by samples of x.
-"""
+"""Excitation that is not steady Gaussian noise. Chapters: noise of randomly varying level; shapes
+of pulses; shocks at random times; Gaussian displacements beside sines or shocks; noise with fast
+peaks."""
 
 from __future__ import annotations
 
@@ -30,8 +21,8 @@ from stochvi.mathematics.numerics import Matrix, Vector, Waves
 from stochvi.mathematics.spectra import Table, bin_variances
 
 # ------------------------------------------------------------------------------
-# The random level of noise of varying level: its distribution, what a mount feels of it, and
-# the probability that a hazard which follows it strikes.
+# The random level of noise of varying level: its distribution, what a mount feels of it, and the
+# probability that a hazard which follows it strikes.
 #
 # The noise is A(t) g(t), with a stationary Gaussian g and an independent level A of mean square 1.
 # The level in decibels is normal: A = exp(s (u - s)) with a standard normal Ornstein-Uhlenbeck
@@ -39,8 +30,7 @@ from stochvi.mathematics.spectra import Table, bin_variances
 #
 # Conditioned on the level the noise is Gaussian. A mount of the bandwidth b (1/s) averages the
 # squared level over its memory, V(t) = b int_0^inf exp(-b r) A^2(t - r) dr, so that its response
-# has
-# the kurtosis
+# has the kurtosis
 #
 #     3 E V^2 = 3 sum_n (4 s^2)^n / n! b / (b + n / tau)
 #
@@ -249,15 +239,12 @@ SHAPES = {
 # ------------------------------------------------------------------------------
 # Shocks at random times beside noise: how they have moved displacements, and how probably.
 #
-# Shocks come at the times of a Poisson process of the rate lambda. Each moves a displacement by
-# a r(t), with its size a and the response r to a shock of size 1. It has died out after a window.
-# The
+# Shocks come at the times of a Poisson process of the rate lambda. Each moves a displacement by a
+# r(t), with its size a and the response r to a shock of size 1. It has died out after a window. The
 # mean about which noise moves the displacement is then the sum over the shocks in the window. It
 # holds n of them with the probability of Poisson, at independent uniform times. Averages over
-# shocks
-# are sums over n, and for each n over the points of a net of Sobol' in their ages and sizes. Half
-# of
-# the ages are those at which a shock moves most.
+# shocks are sums over n, and for each n over the points of a net of Sobol' in their ages and sizes.
+# Half of the ages are those at which a shock moves most.
 # ------------------------------------------------------------------------------
 
 
@@ -432,7 +419,7 @@ class Shocks:
 # The slope p of such a crossing has a density in proportion to p exp(-(p - m')^2 / (2 s'^2)). A
 # level is crossed at phases with a probability in proportion to nu. Averages over phases are sums
 # over the points of a net of Sobol'. Shocks at random times are such means as well: their ages and
-# sizes (`random_shocks`) take the place of phases, with probabilities of their own.
+# sizes (above) take the place of phases, with probabilities of their own.
 # ------------------------------------------------------------------------------
 
 
@@ -666,7 +653,17 @@ def slopes(units: Vector, turn: Vector) -> Vector:
 
 
 # ------------------------------------------------------------------------------
-# Noise with fast peaks:
+# Noise with fast peaks: a steady kurtosis above 3 at a given density.
+#
+# A Gaussian signal u of unit variance is made peaked by a monotone cubic without memory (S. R.
+# Winterstein, J. Eng. Mech. 114 (1988) 1772), and a linear filter L gives it its density back:
+#
+#     x = L [u + h He_3(u)],    He_3(u) = u^3 - 3 u
+#
+# With the correlation rho of u that of He_3(u) is 6 rho^3 (Mehler's formula). So the filter that
+# leaves the density exactly as it was is known: |L|^2 = S / (S + 6 h^2 S_3), where rho^3 has the
+# density S_3. No signal of a bounded band comes from a cubic alone, as rho^3 reaches to three times
+# the band. The filter takes off a part of the kurtosis, so that h is found by samples of x.
 # ------------------------------------------------------------------------------
 
 

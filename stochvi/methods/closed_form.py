@@ -1,4 +1,6 @@
-"""Exact stationary solutions of the Fokker-Planck equation, where they exist in closed form."""
+"""Exact stationary solutions of the Fokker-Planck equation, where a closed form exists. Chapters:
+one oscillator; impact pairs that springs couple; several coordinates; `exact`; the joint density;
+autocorrelations; conditions and names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Responses in the common form; those of deterministic methods from their stationary moments."""
+"""How a response is made. Chapters: balances of energy and forces; error of an approximation, from
+the atlas of linearisation; the common form of a response."""
 
 from __future__ import annotations
 
@@ -43,11 +44,10 @@ from stochvi.scenes.scene import Scene
 # they read S0 / 2 = b E v^2 + ..., E v^2 = omega^2 Var x + ... At a compliant stop the mean force
 # replaces mu (1 + R) F1, and the mean power that the stop takes replaces mu (1 - R^2) F2 / 2; the
 # virial balance would also need E y F, y the deflection, and is left out. A spring or damper that
-# is
-# a function of y = d . q has the mean force, E y F and the mean power of what K and C leave out.
-# Where stops rub, the energy balance has the power of friction, and the others are left out.
-# Under coloured noise only the force balance holds as it stands; the energy balance gains E f v and
-# the virial balance E f x.
+# is a function of y = d . q has the mean force, E y F and the mean power of what K and C leave out.
+# Where stops rub, the energy balance has the power of friction, and the others are left out. Under
+# coloured noise only the force balance holds as it stands; the energy balance gains E f v and the
+# virial balance E f x.
 # ------------------------------------------------------------------------------
 
 
@@ -203,10 +203,8 @@ def _mean(term: Any) -> float:
 # places about the rest position, in standard deviations without stops. The atlas
 # (`data/linearisation_atlas`) holds ln(answer / truth) of every form on a grid of gap, R and zeta,
 # for symmetric stops and for a single one. The span of the corners of a scene's cell, times a
-# safety,
-# bounds its error. Two unlike stops have no grid: they are given the largest error of their
-# relatives
-# in it, times a larger safety.
+# safety, bounds its error. Two unlike stops have no grid: they are given the largest error of their
+# relatives in it, times a larger safety.
 # ------------------------------------------------------------------------------
 
 

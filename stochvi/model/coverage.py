@@ -1,7 +1,7 @@
-"""The conditions of a method that a model does not meet, in sentences.
-
-They are used in the refusals of methods, in `explain` and in the table of methods.
-"""
+"""Which scenes a method covers, for refusals, `explain` and the table of methods. Chapters:
+conditions that are not met, in sentences; whether a modulated structure comes to rest; warnings
+about a scene; standard deviations of the linear motion without impacts; natural modes and static
+equilibrium."""
 
 from __future__ import annotations
 

@@ -1,13 +1,5 @@
-"""The distribution of a slowly varying energy: orbits between stops, and how often each is
-traversed.
-
-Symbols, per unit mass: E energy; U potential of spring and load; T(E) the period of the orbit of
-energy E between the stops it reaches; J(E) = closed integral of v dx (J' = T); c_i a stop, E_i =
-U(c_i), R_i its restitution; D = S0 / 2, b = c / m. A cycle gains D T by noise, loses b J by damping
-and (1 - R_i^2)(E - E_i) at each stop that it reaches. The density of the energy is p(E) = T G, with
-G the cycles per second and unit of energy. Several methods use this file; the docstring of
-`average` derives the equations.
-"""
+"""The distribution of a slowly varying energy between stops. Chapters: energy that an impact
+leaves; orbits between stops, and how often each is traversed."""
 
 from __future__ import annotations
 
@@ -32,8 +24,7 @@ from stochvi.scenes.impact_laws import Restitution, SpeedRestitution
 # Stops as an energy that varies slowly sees them: what an impact leaves of it.
 #
 # Per unit mass, an orbit of the energy E meets a stop with the potential energy E_i at the speed w
-# =
-# sqrt(2 (E - E_i)); the impact leaves E_i + R^2 (E - E_i).
+# = sqrt(2 (E - E_i)); the impact leaves E_i + R^2 (E - E_i).
 # ------------------------------------------------------------------------------
 
 
@@ -178,7 +169,15 @@ def barrier_of(law: Restitution | SpeedRestitution, energy: float) -> AnyBarrier
 
 
 # ------------------------------------------------------------------------------
-# The distribution of a slowly varying energy:
+# The distribution of a slowly varying energy: orbits between stops, and how often each is
+# traversed.
+#
+# Symbols, per unit mass: E energy; U potential of spring and load; T(E) the period of the orbit of
+# energy E between the stops it reaches; J(E) = closed integral of v dx (J' = T); c_i a stop, E_i =
+# U(c_i), R_i its restitution; D = S0 / 2, b = c / m. A cycle gains D T by noise, loses b J by
+# damping and (1 - R_i^2)(E - E_i) at each stop that it reaches. The density of the energy is p(E) =
+# T G, with G the cycles per second and unit of energy. Several methods use this file; the docstring
+# of `average` derives the equations.
 # ------------------------------------------------------------------------------
 
 

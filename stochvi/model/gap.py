@@ -1,4 +1,6 @@
-"""One gap on its own: a unit mass between at most two stops, in SI units or in scaled ones."""
+"""One gap on its own: a unit mass between at most two stops. Chapters: the gap, in SI or scaled
+units; the density of a mass on a spring between compliant stops; arrays of oscillators between
+rigid stops."""
 
 from __future__ import annotations
 

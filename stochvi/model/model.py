@@ -1,4 +1,5 @@
-"""The model of a scene: the numbers that every method reads, in SI units, lowered once."""
+"""The model of a scene: the numbers that every method reads, in SI units, lowered once. Chapters:
+the model; why a structure has no stationary state, and the remedy."""
 
 from __future__ import annotations
 

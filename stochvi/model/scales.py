@@ -1,4 +1,5 @@
-"""A rough stationary distribution of a structure with stops, for steps and starts."""
+"""Scales of a structure with stops, for steps and starts of simulations. Chapters: a rough
+stationary distribution; the linear part of springs and dampers that are functions."""
 
 from __future__ import annotations
 
@@ -352,8 +353,7 @@ the gap its variance. For a gap that hardly meets its stops the difference could
 #
 # A step of a simulation kicks the velocities by functions, and moves the rest exactly. The smaller
 # the force of the kicks, the smaller is the error of the step. Each function is therefore taken
-# apart
-# into f + k y + c y', by statistical linearisation, and the difference from it, which kicks.
+# apart into f + k y + c y', by statistical linearisation, and the difference from it, which kicks.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,6 @@
-"""The base of every answer: its JSON document, its table and its page for notebooks."""
+"""The base of every answer, and the stationary response. Chapters: units of quantities; quantities
+of the hardest impact; units in column names; the class `Result`, with JSON document, table and
+notebook page; the class `Response`."""
 
 from __future__ import annotations
 
@@ -278,7 +280,7 @@ def _suffix(unit: str) -> str:
 
 
 # ------------------------------------------------------------------------------
-# The base of every answer:
+# The base of every answer: its JSON document, its table and its page for notebooks.
 # ------------------------------------------------------------------------------
 
 
@@ -612,8 +614,9 @@ class Response(Result):
     `coordinates` and `impact_pairs` map the name of a coordinate or pair to its quantities, which
     may be given as any mapping from their names. `identities` holds the residuals of the energy,
     virial and force balances, which are zero for a correct answer. `statistics` holds the means of
-    functions of one's own (`stochvi.Statistic`), in the units of the functions. `stop_powers` holds
-    the mean power that the stops of each pair take in a simulation, W; it is no part of documents.
+    functions of one's own (`monte_carlo.Statistic`), in the units of the functions. `stop_powers`
+    holds the mean power that the stops of each pair take in a simulation, W; it is no part of
+    documents.
 
     See Also
     --------

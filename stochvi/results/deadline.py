@@ -1,7 +1,5 @@
-"""Deadlines: when a calculation with a budget must end.
-
-Ctrl-C acts like a deadline that passes: a calculation under way ends with the results that it has.
-"""
+"""Progress and deadlines. Chapters: the progress of a calculation, and its display in notebooks;
+when a calculation with a budget must end."""
 
 from __future__ import annotations
 
@@ -181,7 +179,10 @@ class _Bar:
 
 
 # ------------------------------------------------------------------------------
-# Deadlines:
+# Deadlines: when a calculation with a budget must end.
+#
+# Ctrl-C acts like a deadline that passes: a calculation under way ends with the results that it
+# has.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,5 @@
-"""Errors that the package raises: one sentence each, with the remedy."""
+"""Errors and limits. Chapters: sizes that are refused before memory is taken; control characters in
+names; errors that the package raises."""
 
 from __future__ import annotations
 
@@ -103,7 +104,7 @@ def visible(text: str) -> str:
 
 
 # ------------------------------------------------------------------------------
-# Errors that the package raises:
+# Errors that the package raises: one sentence each, with the remedy.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,5 @@
-"""Estimates, numbers with their errors, and the cost and provenance of an answer."""
+"""Estimates with their errors. Chapters: confidence intervals and propagation of statistical
+errors; the classes of estimates, and the cost and provenance of an answer."""
 
 from __future__ import annotations
 

@@ -1,9 +1,5 @@
-"""Short names by which files know the classes of this package.
-
-A saved answer and a checkpoint name the classes of their parts by room and class,
-`isolators:Sizing`, so that a class may move between the files of its room. Files that older
-versions wrote name modules, `stochvi.isolators.sizing.answer:Sizing`; they are read as well.
-"""
+"""Files of answers. Chapters: writing whole or not at all; the origin of an answer; cores and CPU
+time of the machine; short names of classes in files."""
 
 from __future__ import annotations
 
@@ -291,6 +287,10 @@ def thread_seconds() -> float:
 
 # ------------------------------------------------------------------------------
 # Short names by which files know the classes of this package.
+#
+# A saved answer and a checkpoint name the classes of their parts by room and class,
+# `isolators:Sizing`, so that a class may move between the files of its room. Files that older
+# versions wrote name modules, `stochvi.isolators.sizing.answer:Sizing`; they are read as well.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,6 @@
-"""The options of everything that samples: the same words in Python and on the command line."""
+"""What public calculations share. Chapters: the decorator `calculation`; paths that are given up at
+a deadline; blocks of paths and their pieces; the class `Sampler`; the options of everything that
+samples."""
 
 from __future__ import annotations
 
@@ -125,7 +127,7 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
 # Every kernel that advances paths (`run_white`, `run_contacts`, `run_response`, `run_modes`,
 # `run_missions`) looks at it in every step or every other one. A path that is given up leaves no
 # result, so that no number depends on the clock. Blocks of `simulate` are cut in time before that
-# (`blocks.go_on`), and their paths end between two steps.
+# (`choose_plan.go_on`), and their paths end between two steps.
 # ------------------------------------------------------------------------------
 
 
@@ -281,7 +283,7 @@ class Sampler(ABC, Generic[Piece, Sample]):
     """A plan of paths together with a reducer; all else of a simulation is done for it.
 
     A sampler holds the seed and what describes its paths, and is sent to workers: a dataclass whose
-    arrays are cached properties, which are made anew there (`SmallPickle`). All its results are
+    arrays are cached properties, which are made anew there. All its results are
     functions of these fields and of the numbers of the paths alone. `digest_of` these fields names
     its results in a checkpoint, so that these must consist of what `to_plain` can keep.
     """
@@ -381,7 +383,7 @@ def more_paths(paths: int, error: float, rel_error: float) -> int:
 
 
 # ------------------------------------------------------------------------------
-# The options of everything that samples:
+# The options of everything that samples: the same words in Python and on the command line.
 # ------------------------------------------------------------------------------
 
 
@@ -398,7 +400,7 @@ class WorkOptions(TypedDict, total=False):
         Threads to start here, by default as many as there are cores. Or any
         `concurrent.futures.Executor`, as `ProcessPoolExecutor()`,
         `mpi4py.futures.MPIPoolExecutor()` or Dask's `Client(address).get_executor()` (see
-        `monte_carlo.clusters`), with `threads` to correct how many tasks it does at once.
+        `sampling.workers`), with `threads` to correct how many tasks it does at once.
     budget
         Seconds after which `NotConverged` is raised with the answer so far, compilation apart:
         60 if left out, None for no limit. Ctrl-C does the same, with `Interrupted`.

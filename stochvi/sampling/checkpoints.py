@@ -1,11 +1,5 @@
-"""Checkpoints: the samples of a run on disk, written atomically and bound to one scene.
-
-The first line of a checkpoint is "stochvi checkpoint 4" with the SHA-256 of the rest of the file. A
-JSON document follows: command, scene, arguments, versions, processor and samples. A sample is a
-function of its sampler and of the blocks in it alone. It is therefore kept under a digest of the
-sampler, and is taken when the same sampler is asked for again: a resumed run takes the way of one
-that never stopped, and finds the samples that it had. Floats are written with all their digits.
-"""
+"""Checkpoints of samples on disk. Chapters: results of blocks as JSON types, and digests; the file,
+bound to one scene."""
 
 from __future__ import annotations
 
@@ -194,7 +188,13 @@ def _parts(value: Any) -> Iterable[Any]:
 
 
 # ------------------------------------------------------------------------------
-# Checkpoints:
+# Checkpoints: the samples of a run on disk, written atomically and bound to one scene.
+#
+# The first line of a checkpoint is "stochvi checkpoint 4" with the SHA-256 of the rest of the file.
+# A JSON document follows: command, scene, arguments, versions, processor and samples. A sample is a
+# function of its sampler and of the blocks in it alone. It is therefore kept under a digest of the
+# sampler, and is taken when the same sampler is asked for again: a resumed run takes the way of one
+# that never stopped, and finds the samples that it had. Floats are written with all their digits.
 # ------------------------------------------------------------------------------
 
 

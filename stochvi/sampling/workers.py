@@ -1,4 +1,5 @@
-"""Workers: threads, processes, Dask or MPI do tasks, whose results are handed on in their order.
+"""Workers: threads, processes, Dask or MPI. Chapters: tasks, and their results in order; a Dask
+cluster; compiling, which no budget pays for.
 
 A task is some blocks of paths of one sampler. Its result is a function of the sampler and the
 blocks alone. Any worker may do it, and do it again where a worker is lost. Results are merged in
@@ -439,8 +440,7 @@ def pool_of(executor: Executor | WorkerPool | None, threads: int | None) -> Iter
 # and `dask worker tcp://head:8786 --nworkers -1` on every other machine, or under a batch system.
 # Then `stochvi simulate scene.toml --dask tcp://head:8786`. Workers must have the same versions of
 # stochvi and its libraries, and the same kind of processor; else the digits depend on the worker,
-# and
-# the response has a warning. Under MPI, `mpiexec -n 64 python -m mpi4py.futures job.py` with
+# and the response has a warning. Under MPI, `mpiexec -n 64 python -m mpi4py.futures job.py` with
 # `simulate(..., executor=MPIPoolExecutor())` in job.py.
 # ------------------------------------------------------------------------------
 

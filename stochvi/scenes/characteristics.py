@@ -1,5 +1,6 @@
-"""Springs and dampers that are functions. Each kind is a class in a file of this package, which
-`Spring` and `Damper` find there."""
+"""Springs and dampers that are functions, and switched drives, as a user writes them. Chapters:
+base classes; Bouc-Wen hysteresis; Coulomb friction; Duffing; polynomials; Rayleigh; the switched
+drive; a force of one's own; tables; van der Pol; the types `Spring` and `Damper`."""
 
 from __future__ import annotations
 
@@ -1070,7 +1071,8 @@ class VanDerPol(DamperForce):
 
 
 # ------------------------------------------------------------------------------
-# Springs and dampers that are functions.
+# Springs and dampers that are functions. Each kind is a class, which `Spring` and `Damper` find
+# there.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,5 @@
-"""The force of an excitation whose values a simulation draws."""
+"""Forces of several excitations. Chapters: correlation of two noises; the force of a modulation;
+the force of an excitation whose values are drawn."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """A program that reads one binary file of another program and writes its arrays to standard output.
 
-`foreign_files.py` starts it: a damaged file may crash a library that reads it, or fill the memory,
+`readers.py` starts it: a damaged file may crash a library that reads it, or fill the memory,
 and takes down nothing but this. It imports nothing of stochvi, which would take longer than most
 files. First comes a line of JSON, an error or the arrays with their names, then their numbers.
 """

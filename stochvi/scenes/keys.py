@@ -1,7 +1,5 @@
-"""Keys of a scene file, such as "impact_pair.0.law.coefficient", and scenes with changed values.
-
-A number in a key is the index of an entry in a list, from 0.
-"""
+"""Keys of a scene file, such as "impact_pair.0.law.coefficient". Chapters: units by key; scenes
+with changed values; JSON Schema of scene files."""
 
 from __future__ import annotations
 
@@ -126,6 +124,8 @@ def key_unit(document: Mapping[str, Any], part: Mapping[str, Any], name: str) ->
 
 # ------------------------------------------------------------------------------
 # Keys of a scene file, such as "impact_pair.0.law.coefficient", and scenes with changed values.
+#
+# A number in a key is the index of an entry in a list, from 0.
 # ------------------------------------------------------------------------------
 
 

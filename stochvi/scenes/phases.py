@@ -1,4 +1,5 @@
-"""Phases of a mission: what shakes the scene for how long, and how its mounts are meanwhile."""
+"""Phases of a mission. Chapters: mounts that are stiffer or softer; sweeps of narrow bands and
+sines; what shakes the scene for how long."""
 
 from __future__ import annotations
 
@@ -168,7 +169,7 @@ half-power bandwidth of a mount with a damping ratio of 0.1."""
 
 
 # ------------------------------------------------------------------------------
-# Phases of a mission:
+# Phases of a mission: what shakes the scene for how long, and how its mounts are meanwhile.
 # ------------------------------------------------------------------------------
 
 

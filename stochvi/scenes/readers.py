@@ -1,5 +1,6 @@
-"""Columns of numbers from the files that instruments and analysers write: text, UFF, MATLAB,
-NumPy, IDE."""
+"""Columns of numbers from files of instruments and analysers. Chapters: binary files (MATLAB, UFF,
+NumPy, IDE), read where damage does no harm; the one reader of all formats; units of text columns.
+"""
 
 from __future__ import annotations
 
@@ -174,7 +175,8 @@ def _array(file: Any, size: int) -> NDArray[Any]:
 
 
 # ------------------------------------------------------------------------------
-# Columns of numbers from the files that instruments and analysers write:
+# Columns of numbers from the files that instruments and analysers write: text, UFF, MATLAB, NumPy,
+# IDE.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,5 @@
-"""A scene: a structure, where it can hit, and what shakes it."""
+"""A scene: a structure, where it can hit, and what shakes it. Chapters: free drifts that nothing
+resists; the class `Scene` and its files."""
 
 from __future__ import annotations
 
@@ -128,7 +129,7 @@ def without_drift(mass: Matrix, references: Sequence[int], motions: Matrix) -> M
 
 
 # ------------------------------------------------------------------------------
-# A scene:
+# A scene: a structure, where it can hit, and what shakes it.
 # ------------------------------------------------------------------------------
 
 

@@ -1,6 +1,5 @@
-"""Tables of numbers in text as instruments, spreadsheets and people write them: which lines are
-rows, and the numbers in them. `text_headings.py` reads the names and units of columns,
-`text_cells.py` splits a line."""
+"""Tables of numbers in text, as instruments, spreadsheets and people write them. Chapters: cells of
+a line; names and units of columns; which lines are rows, and their numbers."""
 
 from __future__ import annotations
 
@@ -508,7 +507,9 @@ def _of_fraction(text: str) -> Unit | None:
 
 
 # ------------------------------------------------------------------------------
-# Tables of numbers in text as instruments, spreadsheets and people write them:
+# Tables of numbers in text as instruments, spreadsheets and people write them: which lines are
+# rows, and the numbers in them. The chapters before read names and units of columns, and split a
+# line.
 # ------------------------------------------------------------------------------
 
 

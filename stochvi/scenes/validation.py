@@ -1,4 +1,6 @@
-"""Base of all parts of a scene, types of their keys, and sentences for what is wrong in them."""
+"""Checks of the parts of a scene. Chapters: the base class, types of keys, and sentences for what
+is wrong; a number that scatters; integrals of a function; a number that differs between units of a
+production."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""A mission asked part by part: its phases, or the levels of its noise."""
+"""Impact clusters. Chapters: clusters of a structure from first impacts of any pair; clusters of
+one pair; impact rates by clusters or by whole records; missions part by part."""
 
 from __future__ import annotations
 
@@ -47,13 +48,12 @@ from stochvi.statistics.crossings import (
 # Clusters of impacts of a linear structure, simulated from first impacts of any of its pairs on.
 #
 # The motion of all modes without stops is synthesised, and an outcrossing of one gap is put into
-# it.
-# Given that the gap y_c reaches its stop u with the slope p at t = 0, the modes are
+# it. Given that the gap y_c reaches its stop u with the slope p at t = 0, the modes are
 #
 #     q_m(t) = x_m(t) + (u - x_c(0)) rho_m(t) + (p - x_c'(0)) eta_m(t),
 #     rho_m(t) = E[q_m(t) y_c(0)] / E y_c^2,    eta_m(t) = E[q_m(t) y_c'(0)] / E y_c'^2
 #
-# before and after the crossing (`kernels.crossings`). Where the crossing is a first impact of any
+# before and after the crossing (`kernels.records`). Where the crossing is a first impact of any
 # pair, the engine in modal coordinates simulates what all stops change in that motion. Beside sines
 # x_m is the noise alone, and the sines of each mode are added at the phases of the crossing.
 # ------------------------------------------------------------------------------
@@ -89,7 +89,7 @@ class Part(NamedTuple):
     """What one block of paths gives: the ages of its crossings, (strides, sides, 1, paths, starts),
     and its clusters, (rows, clusters). The rows are path, weight, impacts in the first half of the
     window; impacts, sum of speeds and largest speed of each pair; largest acceleration of each
-    output (see `bursts.Bursts`)."""
+    output (see `Bursts`)."""
 
     ages: NDArray[np.float32]
     bursts: Vector
@@ -469,11 +469,10 @@ def widened(unit: Vector, widening: float) -> tuple[Vector, Vector]:
 # Impacts of an isolator whose stops are far come in clusters. A first impact meets the motion that
 # the mass has without stops; others follow from it. Crude simulation has to wait for clusters; here
 # every record begins with one. First impacts are outcrossings of the free response without another
-# one in the memory of the process before (`pair_crossings`). From there the engine simulates on
-# with
-# the stops (`cluster_paths`). Let lambda be the limiting rate of first impacts, and clusters be far
-# apart. A quantity with the mean q in a cluster then happens lambda q times a second, however rare
-# that is.
+# one in the memory of the process before (`crossings.GapRecords`). From there the engine simulates
+# on with the stops (`ClusterPaths`). Let lambda be the limiting rate of first impacts, and clusters
+# be far apart. A quantity with the mean q in a cluster then happens lambda q times a second,
+# however rare that is.
 # ------------------------------------------------------------------------------
 
 
@@ -875,7 +874,7 @@ def _sum(rates: list[Estimate]) -> Estimate:
 
 
 # ------------------------------------------------------------------------------
-# A mission asked part by part:
+# A mission asked part by part: its phases, or the levels of its noise.
 # ------------------------------------------------------------------------------
 
 

@@ -1,12 +1,5 @@
-"""Probability that any stop is touched at all: first crossings of a stationary Gaussian process.
-
-Before the first contact the gaps move as if there were no stops: linearly, and Gaussian where the
-excitation is. The probability of any impact in a mission depends on no impact law, therefore, and
-needs no impact. Around an outcrossing of a stop the process is Slepian's (see
-`monte_carlo.kernels.crossings`), so the records of `pair_crossings` look back from a given crossing
-of one gap. A probability of 1e-9 costs no more than one of 0.1, and the same records serve any
-number of levels. `crossing_ages` has the formulas.
-"""
+"""First crossings of a stationary Gaussian process. Chapters: probability and rate from ages of
+outcrossings; several pairs as a Gaussian vector; probability that any stop is touched."""
 
 from __future__ import annotations
 
@@ -59,14 +52,12 @@ from stochvi.scenes.scene import Scene
 #
 # The age of an outcrossing of a stop is the time before it in which no stop was exceeded. With nu_s
 # the rate of outcrossings of stop s (S. O. Rice 1944) and G_s(t) the probability that the age of
-# one
-# of them is above t, a stationary process has
+# one of them is above t, a stationary process has
 #
 #     P(hit before T) = P(beyond a stop at 0) + sum_s nu_s integral_0^T G_s(t) dt
 #
 # exactly. Beyond the memory of the process (`horizon`) the survivors are hit at a constant rate,
-# the
-# limiting decay rate
+# the limiting decay rate
 #
 #     lambda = sum_s nu_s G_s(t) / P(no impact before t)
 #
@@ -403,14 +394,12 @@ def largest_error(found: CrossingAges, mission: float) -> float:
 # Probability that any of several impact pairs is hit at all: first crossings of a Gaussian vector.
 #
 # Before the first contact the gaps of a linear structure are a stationary Gaussian process. Beside
-# sines or shocks it is one about means that move (`mathematics.moving_means`).
-# A first impact of any pair is its first outcrossing of the region in which no gap is beyond a
-# stop.
-# Every stop has its own outcrossings, with the rate of Rice; around one of them all gaps are
-# Gaussian, with the cross-correlations of the process (`monte_carlo.kernels.crossings`). Before it
-# lies the last exceedance of any stop of any pair. The time between them says for how long it would
-# have been the first impact (`crossing_ages`). Pairs that move together are thereby counted
-# together.
+# sines or shocks it is one about means that move (`mathematics.unsteady_noise`). A first impact of
+# any pair is its first outcrossing of the region in which no gap is beyond a stop. Every stop has
+# its own outcrossings, with the rate of Rice; around one of them all gaps are Gaussian, with the
+# cross-correlations of the process (`monte_carlo.kernels.records`). Before it lies the last
+# exceedance of any stop of any pair. The time between them says for how long it would have been the
+# first impact (`CrossingAges`). Pairs that move together are thereby counted together.
 # ------------------------------------------------------------------------------
 
 
@@ -1032,7 +1021,14 @@ class GapRecords:
 
 
 # ------------------------------------------------------------------------------
-# Probability that any stop is touched at all:
+# Probability that any stop is touched at all: first crossings of a stationary Gaussian process.
+#
+# Before the first contact the gaps move as if there were no stops: linearly, and Gaussian where the
+# excitation is. The probability of any impact in a mission depends on no impact law, therefore, and
+# needs no impact. Around an outcrossing of a stop the process is Slepian's (see
+# `monte_carlo.kernels.records`), so the records of gaps (`GapRecords`) look back from a given
+# crossing of one gap. A probability of 1e-9 costs no more than one of 0.1, and the same records
+# serve any number of levels. `CrossingAges` has the formulas.
 # ------------------------------------------------------------------------------
 
 

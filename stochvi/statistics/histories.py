@@ -1,11 +1,5 @@
-"""One realisation of what Monte Carlo simulates, sample by sample, with its impacts.
-
-    M a = loads - C v - K x - contacts        a relative to the ground, x and v to a moving base
-
-Positions and velocities come from the kernels of `simulate`; accelerations follow from the forces
-that this equation names, and need no difference of samples. Impacts on rigid stops are impulses and
-stand in a table of their own.
-"""
+"""Records of the motion. Chapters: absolute accelerations from forces; one realisation, sample by
+sample, with its impacts."""
 
 from __future__ import annotations
 
@@ -215,6 +209,12 @@ def _rigid_impacts(
 
 # ------------------------------------------------------------------------------
 # One realisation of what Monte Carlo simulates, sample by sample, with its impacts.
+#
+#     M a = loads - C v - K x - contacts        a relative to the ground, x and v to a moving base
+#
+# Positions and velocities come from the kernels of `simulate`; accelerations follow from the forces
+# that this equation names, and need no difference of samples. Impacts on rigid stops are impulses
+# and stand in a table of their own.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,5 @@
-"""Statistics of impacts one by one: rates, intervals, speeds, energy, clusters."""
+"""Statistics of impacts one by one: rates, intervals, speeds, energy, clusters. Chapters: tallies
+by path; the answer; rates by linear theory; the calculation."""
 
 from __future__ import annotations
 
@@ -685,11 +686,10 @@ def vanmarcke_rate(gap: LinearGap, pair: Pair) -> float | None:
 # Statistics of impacts by Monte Carlo, from every impact of independent paths.
 #
 # Slow impacts on a stop of restitution R under white noise have speeds of density w^(1 - beta),
-# where
-# `impact_rates.corner_exponent` gives beta from R; Rayleigh's distribution at R = 1 has beta = 0.
-# They come in clusters, and so do impacts of a light resonance: counts scatter more than Poisson's,
-# and an interval from their number alone is too narrow. Intervals come from independent paths,
-# therefore, unless the dispersion of the counts allows Poisson's exact ones.
+# where `impact_rates.corner_exponent` gives beta from R; Rayleigh's distribution at R = 1 has beta
+# = 0. They come in clusters, and so do impacts of a light resonance: counts scatter more than
+# Poisson's, and an interval from their number alone is too narrow. Intervals come from independent
+# paths, therefore, unless the dispersion of the counts allows Poisson's exact ones.
 # ------------------------------------------------------------------------------
 
 
@@ -1237,7 +1237,7 @@ def _warnings(plan: ImpactPlan, model: Model) -> list[str]:
 
 
 # ------------------------------------------------------------------------------
-# Statistics of impacts one by one:
+# Statistics of impacts one by one: rates, intervals, speeds, energy, clusters.
 # ------------------------------------------------------------------------------
 
 

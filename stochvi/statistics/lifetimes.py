@@ -1,8 +1,6 @@
-"""Life times in noise: how long each regime that coexists under a sine lasts, and what follows.
+"""Life times in noise of motions that coexist under a sine.
 
-A path starts in a regime and is simulated with the noise of the scene. Every few periods its state
-is followed on without noise, to the regime in whose basin it lies. A path has left its regime once
-it lies outside of that basin for long enough to forget how it got there.
+Chapters: mean life from paths that are looked at now and then; the calculation.
 """
 
 from __future__ import annotations
@@ -48,12 +46,10 @@ if TYPE_CHECKING:
 # Mean life of paths that are looked at now and then, of which some outlive the last look.
 #
 # Paths that start in one motion leave it rarely at first, as noise has not spread them yet. Once
-# they
-# have forgotten their start they leave at a constant rate. Seconds per departure are wrong where
-# paths are watched for a part of their lives: too many of these seconds are early ones. So the
-# share
-# of paths that are still there is counted up to the look at which the start is forgotten (E. Kaplan
-# and P. Meier 1958), and falls exponentially only beyond it.
+# they have forgotten their start they leave at a constant rate. Seconds per departure are wrong
+# where paths are watched for a part of their lives: too many of these seconds are early ones. So
+# the share of paths that are still there is counted up to the look at which the start is forgotten
+# (E. Kaplan and P. Meier 1958), and falls exponentially only beyond it.
 # ------------------------------------------------------------------------------
 
 
@@ -134,7 +130,11 @@ class Survival(NamedTuple):
 
 
 # ------------------------------------------------------------------------------
-# Life times in noise:
+# Life times in noise: how long each regime that coexists under a sine lasts, and what follows.
+#
+# A path starts in a regime and is simulated with the noise of the scene. Every few periods its
+# state is followed on without noise, to the regime in whose basin it lies. A path has left its
+# regime once it lies outside of that basin for long enough to forget how it got there.
 # ------------------------------------------------------------------------------
 
 

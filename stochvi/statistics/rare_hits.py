@@ -1,14 +1,5 @@
-"""Splitting: probabilities of impacts so fast, or so sharp, that hardly any cluster holds one.
-
-A trial is a stretch of the stationary response without stops, which is Gaussian, and the motion
-that the stops turn it into. There are two kinds of trials. Where first impacts are rare, a crossing
-of a stop is put into a trial (`AfterCrossings`). If that is a first impact, it is followed for as
-long as its cluster lasts. Where clusters follow without a pause, a trial is a piece of the whole
-motion (`Windows`). The score of a trial is its largest impact speed or acceleration, whose
-exceedance `trial_splitting` finds. The whole record moves, and not the speed of the first impact
-alone: where a limit is exceeded by later impacts of a cluster, these are found as well. For several
-pairs some moves also draw anew which stop is crossed.
-"""
+"""Impacts of a mission that exceed a limit. Chapters: rare exceedances by splitting; number and
+hardest of the impacts of several pairs."""
 
 from __future__ import annotations
 
@@ -67,6 +58,19 @@ from stochvi.statistics.trial_splitting import (
     draw_of,
     risk_of_windows,
 )
+
+# ------------------------------------------------------------------------------
+# Splitting: probabilities of impacts so fast, or so sharp, that hardly any cluster holds one.
+#
+# A trial is a stretch of the stationary response without stops, which is Gaussian, and the motion
+# that the stops turn it into. There are two kinds of trials. Where first impacts are rare, a
+# crossing of a stop is put into a trial (`AfterCrossings`). If that is a first impact, it is
+# followed for as long as its cluster lasts. Where clusters follow without a pause, a trial is a
+# piece of the whole motion (`Windows`). The score of a trial is its largest impact speed or
+# acceleration, whose exceedance `trial_splitting` finds. The whole record moves, and not the speed
+# of the first impact alone: where a limit is exceeded by later impacts of a cluster, these are
+# found as well. For several pairs some moves also draw anew which stop is crossed.
+# ------------------------------------------------------------------------------
 
 FLOWN_TOGETHER = 128
 """Number of trials that one call of the engine simulates."""
@@ -282,7 +286,7 @@ class AfterCrossings(ImpactTrials):
         return motion, 0
 
     def risk(self, exceeded: Vector, late: Vector, scored: Vector, mission: float) -> Vector:
-        # a window holds first impacts of other clusters as well, see `bursts.Bursts`
+        # a window holds first impacts of other clusters as well, see `clusters.Bursts`
         others = self.rate * scored * (self.window - self.records.horizon)
         return np.asarray(-np.expm1(-self.rate * exceeded / (1.0 + others) * mission))
 

@@ -1,4 +1,6 @@
-"""Power spectral densities of the response by Monte Carlo, with bands and biases."""
+"""Power spectral densities of the response by Monte Carlo. Chapters: tapered segments and their
+products; densities, transmissibilities and coherence; the answer; the calculation, with its biases.
+"""
 
 from __future__ import annotations
 
@@ -143,8 +145,7 @@ def products(records: NDArray[np.float64], layout: Layout) -> NDArray[np.float64
 
 
 # ------------------------------------------------------------------------------
-# The quantities that are made from products of channels: densities, transmissibilities,
-# coherence.
+# The quantities that are made from products of channels: densities, transmissibilities, coherence.
 # ------------------------------------------------------------------------------
 
 
@@ -462,12 +463,11 @@ class ResponseSpectrum(Result):
 #     transmissibility |G_fa| / G_ff (H1), (G_aa / G_ff)^(1/2)     coherence  |G_fa|^2 / (G_ff G_aa)
 #
 # Standard errors come from independent paths. Two biases are stated beside them. The taper W smears
-# a
-# spectrum, G * |W|^2. The size of this bias follows from the estimate smeared once more and smeared
-# twice more: most of the noise is averaged out in their difference. And white noise acts in kicks a
-# step h apart, sampled with the response. The tail 1/w^2 of an impulse becomes h^2 / (4 sin^2 (w h
-# /
-# 2)) with all its aliases. The density is then off by (w h)^2 / 6, relative and to leading order.
+# a spectrum, G * |W|^2. The size of this bias follows from the estimate smeared once more and
+# smeared twice more: most of the noise is averaged out in their difference. And white noise acts in
+# kicks a step h apart, sampled with the response. The tail 1/w^2 of an impulse becomes h^2 / (4
+# sin^2 (w h / 2)) with all its aliases. The density is then off by (w h)^2 / 6, relative and to
+# leading order.
 # ------------------------------------------------------------------------------
 
 

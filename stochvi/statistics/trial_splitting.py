@@ -1,18 +1,5 @@
-"""Splitting: the probability that the score of a stretch of random motion exceeds a limit, however
-small.
-
-A trial is made of numbers with a Gaussian distribution, and its score is a function of them. The
-probability that it exceeds a limit is a product of the probabilities to get from one level to the
-next (S. K. Au and J. L. Beck, Probab. Eng. Mech. 16 (2001) 263). Trials that exceed a level are
-copied, and every copy is moved by
-
-    y <- sqrt(1 - s^2) y + s z
-
-with z a fresh trial, which leaves the Gaussian distribution as it is (R. M. Neal 1998); it is taken
-back if it falls below the level. All trials weigh the same. A pilot that is no part of the answer
-fixes the levels and s. The mean over independent repetitions therefore has no bias (F. Cerou, P.
-Del Moral, T. Furon and A. Guyader, Stat. Comput. 22 (2012) 795); their scatter gives its error.
-"""
+"""Splitting of trials. Chapters: probability that the score of random motion exceeds a limit; noise
+with fast peaks; the hazard of reaching a place."""
 
 from __future__ import annotations
 
@@ -51,6 +38,24 @@ from stochvi.sampling.calculations import GivenUp, TrialSampler
 from stochvi.sampling.run import Run
 from stochvi.statistics.clusters import UNFINISHED
 from stochvi.statistics.crossings import PairMotion, memory_of, pressed_pairs
+
+# ------------------------------------------------------------------------------
+# Splitting: the probability that the score of a stretch of random motion exceeds a limit, however
+# small.
+#
+# A trial is made of numbers with a Gaussian distribution, and its score is a function of them. The
+# probability that it exceeds a limit is a product of the probabilities to get from one level to the
+# next (S. K. Au and J. L. Beck, Probab. Eng. Mech. 16 (2001) 263). Trials that exceed a level are
+# copied, and every copy is moved by
+#
+#     y <- sqrt(1 - s^2) y + s z
+#
+# with z a fresh trial, which leaves the Gaussian distribution as it is (R. M. Neal 1998); it is
+# taken back if it falls below the level. All trials weigh the same. A pilot that is no part of the
+# answer fixes the levels and s. The mean over independent repetitions therefore has no bias (F.
+# Cerou, P. Del Moral, T. Furon and A. Guyader, Stat. Comput. 22 (2012) 795); their scatter gives
+# its error.
+# ------------------------------------------------------------------------------
 
 SHARE = 0.25
 """Share of the trials that should exceed the next level."""
@@ -494,16 +499,13 @@ def _unfinished(kind: Kind, done: list[Repetition]) -> bool:
 # Pieces of the motion without stops under noise with fast peaks: whether they reach a stop.
 #
 # Before its first contact the motion is linear, but not Gaussian: no formula for crossings holds.
-# So
-# it is synthesised itself. Records of the noise are a cubic of Gaussian numbers and a filter
-# (`mathematics.fast_peaks`), of which the gaps are a linear function. The stops stand at the same
-# place of their rows of distances. The score of a piece is the farthest place at which it reaches
-# one; with the distances themselves at place 1, a stop is hit where the score exceeds 1.
+# So it is synthesised itself. Records of the noise are a cubic of Gaussian numbers and a filter
+# (`mathematics.unsteady_noise`), of which the gaps are a linear function. The stops stand at the
+# same place of their rows of distances. The score of a piece is the farthest place at which it
+# reaches one; with the distances themselves at place 1, a stop is hit where the score exceeds 1.
 # `trial_splitting` moves the Gaussian numbers and finds how probable that is. Two probabilities
-# give
-# that of a mission of any length: of pieces in which a stop is reached, and of pieces in whose
-# second
-# half it is reached for the first time. Either half is as long as the memory of the gaps.
+# give that of a mission of any length: of pieces in which a stop is reached, and of pieces in whose
+# second half it is reached for the first time. Either half is as long as the memory of the gaps.
 # ------------------------------------------------------------------------------
 
 
@@ -764,9 +766,8 @@ def without_peaks(model: Model) -> Model:
 # The hazard of reaching a place in a mission, against the place, from one splitting of trials.
 #
 # The levels of a splitting are places that trials reach ever more seldom. So it tells the
-# probability
-# at all of them on its way to the last one. -ln(1 - P) changes by a factor of some four from one
-# level to the next, and its logarithm is interpolated (monotone cubic).
+# probability at all of them on its way to the last one. -ln(1 - P) changes by a factor of some four
+# from one level to the next, and its logarithm is interpolated (monotone cubic).
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,5 @@
-"""`check`: whether all methods that cover a scene agree within the errors that they state."""
+"""Agreement of the methods. Chapters: `check`, whether methods agree within the errors that they
+state; `check_many` and `zoo`; `explain`."""
 
 from __future__ import annotations
 

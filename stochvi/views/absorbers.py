@@ -1,4 +1,4 @@
-"""Tables and pictures of absorbers."""
+"""Tables and pictures of absorbers. Chapters: performance and design; an absorber under a sine."""
 
 from __future__ import annotations
 

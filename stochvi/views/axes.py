@@ -1,7 +1,4 @@
-"""Parts that all pictures share: axes, units of length, the stops, the grid and the legend.
-
-matplotlib is imported where the first picture is drawn: a report may have none.
-"""
+"""What all pictures share. Chapters: colours; axes, units of length, stops, grid and legend."""
 
 from __future__ import annotations
 
@@ -27,8 +24,8 @@ if TYPE_CHECKING:
 # The colours of all pictures.
 #
 # They are those of M. Okabe and K. Ito, which readers with any colour vision tell apart. In grey
-# they
-# differ in lightness, and pictures that compare curves give each a marker or a line style as well.
+# they differ in lightness, and pictures that compare curves give each a marker or a line style as
+# well.
 # ------------------------------------------------------------------------------
 
 
@@ -97,7 +94,9 @@ def owner_colours(number: int) -> list[str]:
 
 
 # ------------------------------------------------------------------------------
-# Parts that all pictures share:
+# Parts that all pictures share: axes, units of length, the stops, the grid and the legend.
+#
+# matplotlib is imported where the first picture is drawn: a report may have none.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,4 @@
-"""The table of a sweep as an xarray Dataset: a grid with coordinates and units."""
+"""Views of a sweep. Chapters: columns, and pictures over the first key; an xarray Dataset."""
 
 from __future__ import annotations
 
@@ -326,7 +326,7 @@ def with_units(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
 
 
 # ------------------------------------------------------------------------------
-# The table of a sweep as an xarray Dataset:
+# The table of a sweep as an xarray Dataset: a grid with coordinates and units.
 # ------------------------------------------------------------------------------
 
 

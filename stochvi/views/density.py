@@ -1,8 +1,5 @@
-"""Pictures of a stationary density: its plane of x and v, impact speeds, marginals.
-
-Every function draws on the Axes it is given (or on new ones) and returns them. A density is what
-`exact_density` or `fokker_planck_density` return.
-"""
+"""Pictures of densities and paths. Chapters: first passage; the overview; one realisation; the
+stationary density."""
 
 from __future__ import annotations
 
@@ -571,7 +568,10 @@ def _lit(found: History, pair: str, side: str, time: Vector) -> NDArray[np.bool_
 
 
 # ------------------------------------------------------------------------------
-# Pictures of a stationary density:
+# Pictures of a stationary density: its plane of x and v, impact speeds, marginals.
+#
+# Every function draws on the Axes it is given (or on new ones) and returns them. A density is what
+# `exact_density` or `fokker_planck_density` return.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,4 @@
-"""Answers on disk: CSV tables, JSON documents, PNG pictures."""
+"""Answers on disk. Chapters: MATLAB, UFF and PDF; CSV, JSON and PNG; the console."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ def missing_for_pdf() -> str:
 
 
 # ------------------------------------------------------------------------------
-# Answers on disk:
+# Answers on disk: CSV tables, JSON documents, PNG pictures.
 # ------------------------------------------------------------------------------
 
 

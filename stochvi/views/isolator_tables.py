@@ -1,4 +1,5 @@
-"""Screening, clearances and sizing of isolators on a terminal."""
+"""Tables of isolators. Chapters: sizing of several pairs; the risk of a production; screening,
+clearances and sizing; missions with phases, and ratios of damage."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""The drawing of a scene: mass, base, spring, stops, and the lengths between them.
-
-Positions count from the unloaded spring, x = 0. Clearances count from the static equilibrium, where
-the mass rests under gravity and constant loads. The drawing shows both, and is not to scale: its
-levels keep their order at equal distances.
-"""
+"""Drawings of scenes. Chapters: a rigid box; bars, beams and plates; the mass between its stops."""
 
 from __future__ import annotations
 
@@ -467,7 +462,11 @@ def _draw_points_of_plate(ax: Axes, scene: Scene, plate: Span, metres: float) ->
 
 
 # ------------------------------------------------------------------------------
-# The drawing of a scene:
+# The drawing of a scene: mass, base, spring, stops, and the lengths between them.
+#
+# Positions count from the unloaded spring, x = 0. Clearances count from the static equilibrium,
+# where the mass rests under gravity and constant loads. The drawing shows both, and is not to
+# scale: its levels keep their order at equal distances.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,5 @@
-"""Tables and pictures of periodic regimes."""
+"""Views of motions under a sine. Chapters: periodic motions; basins, bifurcations and life times;
+stability of a modulated structure."""
 
 from __future__ import annotations
 

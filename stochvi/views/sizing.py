@@ -1,7 +1,5 @@
-"""Pictures of a sizing and of its review: risk, impact rate, peaks, spectra, sensitivity.
-
-Pictures of the page of a report are drawn at half its width (`axes.PAGE`).
-"""
+"""Pictures of isolators. Chapters: screening; impact rates against clearance; a sizing and its
+review."""
 
 from __future__ import annotations
 
@@ -236,7 +234,9 @@ def _sigma_label(curve: pd.DataFrame) -> str:
 
 
 # ------------------------------------------------------------------------------
-# Pictures of a sizing and of its review:
+# Pictures of a sizing and of its review: risk, impact rate, peaks, spectra, sensitivity.
+#
+# Pictures of the page of a report are drawn at half its width (`axes.PAGE`).
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,5 @@
-"""Spectra, statistics of impacts and reliability on a terminal."""
+"""Views of statistics. Chapters: response spectra; impacts; damage of equipment; the bumper map;
+tables of spectra, impacts and reliability."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables on a terminal: numbers and names are never cut short."""
+"""Tables on a terminal. Chapters: numbers and names that are never cut short; numbers in words."""
 
 from __future__ import annotations
 

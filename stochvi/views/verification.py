@@ -1,4 +1,5 @@
-"""Pictures of the verification: error against CPU time, and scores of many comparisons."""
+"""Views of the verification. Chapters: error against CPU time, and scores; verdicts, costs and
+explanations; the law of a stop from a test; replays."""
 
 from __future__ import annotations
 

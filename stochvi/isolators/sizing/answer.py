@@ -1,4 +1,6 @@
-"""The clearance that an isolator needs, with a stated risk."""
+"""The answer of a sizing. Chapters: a rigid box on its page; where stops lie, and their risk; the
+clearance in words and numbers (`Sizing.summary`, `Sizing.verdict`, `RoundedClearance`); the
+question; answers by damage and by phases."""
 
 from __future__ import annotations
 
@@ -113,7 +115,7 @@ def _chances(moved: Sequence[MovingMean], stops: Matrix, mission: float) -> Vect
 # ------------------------------------------------------------------------------
 # Where the stops of a sizing lie, and the probability of any impact there.
 #
-# This module reads the probability of even stops off the curve of risk against clearance, which
+# This chapter reads the probability of even stops off the curve of risk against clearance, which
 # `risk_curve` makes. That of uneven stops is in the sizing, as their first crossings have it.
 # ------------------------------------------------------------------------------
 

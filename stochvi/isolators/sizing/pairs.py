@@ -1,4 +1,6 @@
-"""The clearances that a scene needs as it is stated, without its tolerances."""
+"""The clearances that a scene needs as it is stated, without its tolerances. Chapters: one pair, by
+the curve of risk of its gap; several pairs at an equal share of the risk; the choice between them.
+"""
 
 from __future__ import annotations
 
@@ -74,10 +76,8 @@ if TYPE_CHECKING:
 # The clearance of one pair, by the curve of risk of its gap.
 #
 # The probability of any impact needs no impact (`first_crossings`). What an impact leads to needs
-# the
-# stop law: where first impacts are rare, clusters are simulated from the first impact on
-# (`bursts`),
-# else everything (`simulate`).
+# the stop law: where first impacts are rare, clusters are simulated from the first impact on
+# (`clusters`), else everything (`simulate`).
 # ------------------------------------------------------------------------------
 
 
@@ -405,11 +405,9 @@ class OneCurve(SizingMethod):
 #
 # Each pair alone has its curve of risk against clearance. Pairs share the risk equally where each
 # alone would be hit with the same probability p. The probability that any of them is hit follows
-# from
-# the first outcrossings of all gaps together (`statistics.first_crossings`). So p is the one number
-# that is searched for. For a rate of impacts, or a limit of speed or acceleration, the impacts at
-# one
-# p after the other are simulated with all stops (`statistics.structure_hits`).
+# from the first outcrossings of all gaps together (`crossings.first_crossings`). So p is the one
+# number that is searched for. For a rate of impacts, or a limit of speed or acceleration, the
+# impacts at one p after the other are simulated with all stops (`statistics.rare_hits`).
 # ------------------------------------------------------------------------------
 
 

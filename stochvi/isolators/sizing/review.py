@@ -1,4 +1,5 @@
-"""The review of a sizing: every number that a design review needs besides the clearance."""
+"""The review of a sizing: what a design review needs besides the clearance. Chapters: the motion
+between stops at 3 sigma; clatter of compliant stops; the review."""
 
 from __future__ import annotations
 
@@ -579,7 +580,7 @@ class _Windows:
 
 
 # ------------------------------------------------------------------------------
-# The review of a sizing:
+# The review of a sizing: every number that a design review needs besides the clearance.
 # ------------------------------------------------------------------------------
 
 

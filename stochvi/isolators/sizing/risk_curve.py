@@ -1,4 +1,6 @@
-"""Probability of any impact against clearance, between the levels of one run of first crossings."""
+"""Risk against clearance. Chapters: probability of any impact, from one run of first crossings;
+targets of a sizing, and the laws that they need; probabilities that the hardest impact exceeds a
+limit."""
 
 from __future__ import annotations
 

@@ -1,10 +1,5 @@
-"""One sizing as it goes on, of any number of pairs: the search by impacts, and the answer.
-
-A place is one number that says where the stops of all sized pairs go; farther stops have a larger
-one. One pair has its clearance as its place. Several pairs share the risk equally: their place is
--ln of the risk that each has alone. The logarithm of a rate of impacts is nearly straight in a
-coordinate of the place: the square of a clearance, or that logarithm itself.
-"""
+"""The search of a sizing. Chapters: impacts with the stops at a place; the search by impacts, and
+the answer."""
 
 from __future__ import annotations
 
@@ -112,7 +107,12 @@ def _relative_error(rate: Estimate) -> float:
 
 
 # ------------------------------------------------------------------------------
-# One sizing as it goes on, of any number of pairs:
+# One sizing as it goes on, of any number of pairs: the search by impacts, and the answer.
+#
+# A place is one number that says where the stops of all sized pairs go; farther stops have a larger
+# one. One pair has its clearance as its place. Several pairs share the risk equally: their place is
+# -ln of the risk that each has alone. The logarithm of a rate of impacts is nearly straight in a
+# coordinate of the place: the square of a clearance, or that logarithm itself.
 # ------------------------------------------------------------------------------
 
 

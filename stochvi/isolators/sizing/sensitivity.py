@@ -1,4 +1,5 @@
-"""Sensitivity of a sizing to mount, level and stop law, and to an input that is not Gaussian."""
+"""Sensitivity of a sizing. Chapters: mount, level, stop law, and an input that is not Gaussian; the
+ends of tolerances, and the worst within."""
 
 from __future__ import annotations
 

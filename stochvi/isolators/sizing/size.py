@@ -1,4 +1,6 @@
-"""`size`: the clearance that an isolator needs, with a stated risk and within its tolerances."""
+"""`size`: the clearance that an isolator needs. Chapters: one gap in the phases of a mission; all
+pairs in a phase; a mission of several phases; a limit on the damage of equipment; `size` itself,
+with tolerances."""
 
 from __future__ import annotations
 
@@ -303,8 +305,7 @@ class Joint:
 # All pairs in a phase of a mission: the hazard that any of them is hit, at an equal risk of each.
 #
 # The clearances of several pairs are those at which each alone would be hit in the whole mission
-# with
-# the same probability. They are known by that of the widest gap.
+# with the same probability. They are known by that of the widest gap.
 # ------------------------------------------------------------------------------
 
 
@@ -534,12 +535,10 @@ def any_pair(
 # ------------------------------------------------------------------------------
 # The clearances of a mission of several phases: for all of them, at the risk of them together.
 #
-# Phases are independent and each starts in its own stationary motion, so that their hazards
-# -ln(1 - P) add up. The hazard of a pair in a phase follows from its own curve of risk. Several
-# pairs
-# share the risk equally, and first crossings of all gaps together give the hazard that any is hit
-# (`pairs_in_phase`). A phase whose crossings by Rice's formula do not matter has no curve. Stops
-# stay
+# Phases are independent and each starts in its own stationary motion, so that their hazards -ln(1 -
+# P) add up. The hazard of a pair in a phase follows from its own curve of risk. Several pairs share
+# the risk equally, and first crossings of all gaps together give the hazard that any is hit
+# (`PhaseOfPairs`). A phase whose crossings by Rice's formula do not matter has no curve. Stops stay
 # where they are while the mount of a phase is softer or carries another load: a phase that hangs
 # lower has uneven distances.
 # ------------------------------------------------------------------------------
@@ -901,7 +900,7 @@ def _search(tried_at: Any, sigma: float, run: Run) -> tuple[list[_Trial], float]
 
 
 # ------------------------------------------------------------------------------
-# `size`:
+# `size`: the clearance that an isolator needs, with a stated risk and within its tolerances.
 # ------------------------------------------------------------------------------
 
 

@@ -1,9 +1,5 @@
-"""Polynomials on the unit box: Legendre in the displacement, Lobatto in the velocity.
-
-Symbols: xi in [-1, 1] displacement, u in [-U, U] velocity, g(u) = exp(-u^2 / 2) its weight, N_k(u)
-the functions of velocity. `Mesh` has one set of them for the whole box, the same for u > 0 and
-u < 0; `VelocityCells` are cells of any size, which differ from strip to strip.
-"""
+"""What the solvers on meshes are made of. Chapters: the error from two meshes; oscillators as boxes
+in dimensionless units; polynomials of displacement and velocity."""
 
 from __future__ import annotations
 
@@ -285,7 +281,11 @@ distance, in units of s^2. Rounding may leave so much."""
 
 
 # ------------------------------------------------------------------------------
-# Polynomials on the unit box:
+# Polynomials on the unit box: Legendre in the displacement, Lobatto in the velocity.
+#
+# Symbols: xi in [-1, 1] displacement, u in [-U, U] velocity, g(u) = exp(-u^2 / 2) its weight,
+# N_k(u) the functions of velocity. `Mesh` has one set of them for the whole box, the same for u > 0
+# and u < 0; `VelocityCells` are cells of any size, which differ from strip to strip.
 # ------------------------------------------------------------------------------
 
 

@@ -1,5 +1,5 @@
-"""The stationary density on strips in SI units, its averages, and the class that users work
-with."""
+"""The stationary density. Chapters: the density on strips in SI units, its averages, and the class
+for users; its refinement until two answers agree."""
 
 from __future__ import annotations
 

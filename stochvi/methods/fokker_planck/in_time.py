@@ -1,4 +1,5 @@
-"""The box and the meshes on which a motion is followed in time."""
+"""The Fokker-Planck equation in time. Chapters: sparse matrices of a box whose ends may absorb;
+states at any time from one factorisation; initial states; the box and the meshes."""
 
 from __future__ import annotations
 
@@ -28,18 +29,16 @@ from stochvi.scenes.impact_laws import Restitution
 # The Fokker-Planck equation of one box as sparse matrices: in time, with ends that may absorb.
 #
 # Symbols: xi in [-1, 1] displacement and u velocity in the units of the box (`LinearBox`), as in
-# `box_solver`: the density is p = M q with M = exp(-u^2 / 2 - energy(xi)), N_i are the functions
-# that
-# both q and the tests are made of. Then
+# `stationary`: the density is p = M q with M = exp(-u^2 / 2 - energy(xi)), N_i are the functions
+# that both q and the tests are made of. Then
 #
 #     mass dq/dt = -matrix q,    mass_ij = int M N_i N_j,
 #
 # and the transpose is Kolmogorov's backward equation, mass dy/dt = -matrix' y. y(xi, u, t) is the
 # mean of any function of the state at t of a path that is at (xi, u) now. An end with a restitution
 # gives back what it takes; one without absorbs it. Unknowns are scaled by the size of their
-# functions
-# under M, which may be 1e-30 of others. The smallest are then solved for with as many digits as the
-# largest.
+# functions under M, which may be 1e-30 of others. The smallest are then solved for with as many
+# digits as the largest.
 # ------------------------------------------------------------------------------
 
 
@@ -317,8 +316,7 @@ GRID_NODES = 10
 # (1998) 755). The slow modes are found first; they alone are left at long times. The fastest hardly
 # enter, which a stiff solver in time would have to damp. Some dozens of solutions with one
 # factorisation give all times at once. The change from one size of the space to a larger one
-# measures
-# the error of the projection.
+# measures the error of the projection.
 # ------------------------------------------------------------------------------
 
 
@@ -485,8 +483,7 @@ def slowest_mode(operator: Operator, factors: Factors) -> SlowestMode:
 
 
 # ------------------------------------------------------------------------------
-# Initial states of an oscillator: a point, or a Gaussian distribution of displacement and
-# velocity.
+# Initial states of an oscillator: a point, or a Gaussian distribution of displacement and velocity.
 # ------------------------------------------------------------------------------
 
 

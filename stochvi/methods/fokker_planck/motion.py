@@ -1,4 +1,5 @@
-"""The motion of one oscillator: its forces as functions of place and velocity, and its scales."""
+"""The oscillator whose Fokker-Planck equation is solved. Chapters: restitutions that scatter;
+forces and scales of the motion; conditions of the method; the motion in the units of a box."""
 
 from __future__ import annotations
 
@@ -57,7 +58,7 @@ def restitution_rule(law: BetaDistribution) -> tuple[Vector, Vector]:
 
 
 # ------------------------------------------------------------------------------
-# The motion of one oscillator:
+# The motion of one oscillator: its forces as functions of place and velocity, and its scales.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,5 @@
-"""`fokker_planck` and its relatives: conditions, accuracy, warnings and the response."""
+"""Stationary solutions of the Fokker-Planck equation. Chapters: half-range Galerkin for many boxes;
+many scenes on finer and finer meshes; `fokker_planck` and its relatives."""
 
 from __future__ import annotations
 
@@ -61,9 +62,8 @@ from stochvi.scenes.scene import Scene
 #     + sum over ends of int over w > 0 of w p(end, n w) [phi(end, n w) - phi(end, -n R w)] dw = 0.
 #
 # On every element q is a polynomial in xi times piecewise polynomials in u, which are continuous
-# but
-# may have a kink at u = 0. phi runs through the same functions. Between elements the flux is taken
-# from the side that it comes from.
+# but may have a kink at u = 0. phi runs through the same functions. Between elements the flux is
+# taken from the side that it comes from.
 # ------------------------------------------------------------------------------
 
 
@@ -506,7 +506,7 @@ def _ratio(difference: Array, size: Array) -> Array:
 
 
 # ------------------------------------------------------------------------------
-# `fokker_planck` and its relatives:
+# `fokker_planck` and its relatives: conditions, accuracy, warnings and the response.
 # ------------------------------------------------------------------------------
 
 

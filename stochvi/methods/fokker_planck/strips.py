@@ -1,11 +1,5 @@
-"""Strips and velocity cells of a box: first from its scales, then refined where needed.
-
-At an inelastic stop and near zero velocity the density goes as |v|^-beta, on the scale v^3 ~ S0
-times the distance from the stop. Strips narrow geometrically towards the stop, and the cells of
-each towards 0 down to that scale. They do so as well where a viscoelastic stop is first touched,
-down to the speed below which noise hides its damper. Everything else is found by refinement: a
-strip or cell is split where its highest polynomials still contribute much.
-"""
+"""Strips in displacement with velocities of their own. Chapters: the stationary equation on strips;
+the choice of strips and velocity cells."""
 
 from __future__ import annotations
 
@@ -34,12 +28,11 @@ from stochvi.results.errors import NotConverged
 # ------------------------------------------------------------------------------
 # The stationary Fokker-Planck equation on strips in displacement, each with its own velocities.
 #
-# Symbols and equation are those of `scaled_motion`. In every strip q is a
-# Legendre polynomial in xi times the functions of `VelocityCells`; it may jump from strip to
-# strip, where the flux is taken from the side that it comes from, exactly also between different
-# cells. Each strip is reduced to the matrix from the flux that enters it to the flux that leaves
-# it.
-# To its neighbours a strip is then a boundary condition.
+# Symbols and equation are those of `ScaledMotion`. In every strip q is a Legendre polynomial in xi
+# times the functions of `VelocityCells`; it may jump from strip to strip, where the flux is taken
+# from the side that it comes from, exactly also between different cells. Each strip is reduced to
+# the matrix from the flux that enters it to the flux that leaves it. To its neighbours a strip is
+# then a boundary condition.
 # ------------------------------------------------------------------------------
 
 
@@ -337,7 +330,13 @@ class _Piece:
 
 
 # ------------------------------------------------------------------------------
-# Strips and velocity cells of a box:
+# Strips and velocity cells of a box: first from its scales, then refined where needed.
+#
+# At an inelastic stop and near zero velocity the density goes as |v|^-beta, on the scale v^3 ~ S0
+# times the distance from the stop. Strips narrow geometrically towards the stop, and the cells of
+# each towards 0 down to that scale. They do so as well where a viscoelastic stop is first touched,
+# down to the speed below which noise hides its damper. Everything else is found by refinement: a
+# strip or cell is split where its highest polynomials still contribute much.
 # ------------------------------------------------------------------------------
 
 

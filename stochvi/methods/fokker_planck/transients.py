@@ -1,10 +1,5 @@
-"""Transients: the probability density in time, from any start, between rigid stops.
-
-The equation is p_t = -v p_x + [(b v + omega^2 x - load) p]_v + S0 / 2 p_vv, with the term of the
-stops of the stationary equation. It is solved by the same functions of displacement and velocity.
-All times follow from one factorisation (`evolution`). A start at a point is a Gaussian distribution
-until the stops can be felt; it is followed from there.
-"""
+"""Motion in time without sampling. Chapters: bounds on passages; first passage of a barrier;
+transients of the density from any start."""
 
 from __future__ import annotations
 
@@ -162,14 +157,12 @@ def _crossings(model: Model, state: Array, distances: Array, duration: float) ->
 #     u_t = v u_x + (load - omega^2 x - b v) u_v + S0 / 2 u_vv,   u = 1 where a path leaves,
 #
 # (Pontryagin, Andronov and Vitt 1933 for its mean; J. N. Yang, M. Shinozuka, J. Appl. Mech. 37
-# (1970)
-# 1017). Small probabilities are sums of what is absorbed, never one minus a survival, and keep
-# their
-# digits. With the slowest mode apart,
+# (1970) 1017). Small probabilities are sums of what is absorbed, never one minus a survival, and
+# keep their digits. With the slowest mode apart,
 #
 #     u = c phi (1 - exp(-lambda t)) + y(t),   y(t) -> 1 - c phi,
 #
-# where phi is the mode as a function, y follows by projection (`evolution`), and lambda is the
+# where phi is the mode as a function, y follows by projection (`in_time`), and lambda is the
 # outflow of the mode over what it holds.
 # ------------------------------------------------------------------------------
 
@@ -178,7 +171,7 @@ METHOD = "first-passage"
 HOW = "half-range Galerkin in time"
 
 PASSAGE_MARGINS = ErrorMargins(safety=2.5, shared=0.3, floor=3e-08)
-"""Margins of the error bounds: those of `fixed_meshes`, with a lower floor. The error that the
+"""Margins of the error bounds: those of `stationary`, with a lower floor. The error that the
 projection in time leaves at one time is not shared with the other times."""
 
 PROJECTION_SHARE = 0.2
@@ -577,7 +570,12 @@ def _start_functional(
 
 
 # ------------------------------------------------------------------------------
-# Transients:
+# Transients: the probability density in time, from any start, between rigid stops.
+#
+# The equation is p_t = -v p_x + [(b v + omega^2 x - load) p]_v + S0 / 2 p_vv, with the term of the
+# stops of the stationary equation. It is solved by the same functions of displacement and velocity.
+# All times follow from one factorisation (`in_time`). A start at a point is a Gaussian distribution
+# until the stops can be felt; it is followed from there.
 # ------------------------------------------------------------------------------
 
 
@@ -597,7 +595,7 @@ TRANSIENT_MOST_BEYOND = 1e-6
 """Largest probability of an initial distribution beyond the stops; that part is left out."""
 
 TRANSIENT_MARGINS = ErrorMargins(safety=2.5, shared=0.3, floor=1e-06)
-"""Safety factors of the error bounds, the same as those of `fixed_meshes`."""
+"""Safety factors of the error bounds, the same as those of `stationary`."""
 
 TRANSIENT_PROJECTION_SHARE = 0.1
 """Share of the allowed relative error that the projection in time may take."""

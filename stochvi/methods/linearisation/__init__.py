@@ -18,7 +18,8 @@ that last step:
 damping lets impacts come in clusters. Between two stops it is the closure with the impacts of a box
 (variant "box").
 
-`linearise_many` is the closure for arrays; `atlas` holds the errors that `linearise` states.
+`linearise_many` is the closure for arrays; the errors that `linearise` states are in
+`model/build_response.py`.
 """
 
 from stochvi.methods.linearisation.array_closure import Linearised, linearise_many

@@ -1,16 +1,5 @@
-"""The closure for arrays of oscillators between rigid stops under white noise.
-
-Per unit mass, in units in which the elastic law exp(-U / s^2) has mean 0, deviation 1 and s = 1.
-Symbols: p_i the density at stop i, A_i = (1 + R_i) / 2, g = omega^2 / E v^2 and s_v^2 = E v^2. The
-law C exp(lambda x - kappa x^2 / 2) and s_v obey the balances of force, of virial about the mean and
-of energy:
-
-    g m - load / s_v^2 + A_u p_u - A_l p_l = 0,
-    1 - g Var x - A_u p_u (upper - m) - A_l p_l (m - lower) = 0,
-    (b + sum (1 - R_i^2) p_i s_v / sqrt(2 pi)) s_v^2 = S0 / 2:
-
-three equations for lambda, kappa and log s_v, whose derivatives are moments of the same law.
-"""
+"""The moment closure for arrays of oscillators between rigid stops. Chapters: many densities C
+exp(slope x - curvature x^2 / 2) at once; the closure."""
 
 from __future__ import annotations
 
@@ -32,10 +21,8 @@ from stochvi.sampling.calculations import calculation
 # Many laws C exp(slope x - curvature x^2 / 2) between stops at once: masses, moments, ends.
 #
 # They do for arrays what `TruncatedNormal` does for one law. All numbers are relative to the
-# largest
-# value of each density; panels end where it has fallen by e^-CUT. So tails and narrow gaps keep
-# their
-# digits.
+# largest value of each density; panels end where it has fallen by e^-CUT. So tails and narrow gaps
+# keep their digits.
 # ------------------------------------------------------------------------------
 
 
@@ -196,6 +183,17 @@ def _panel_moments(
 
 # ------------------------------------------------------------------------------
 # The closure for arrays of oscillators between rigid stops under white noise.
+#
+# Per unit mass, in units in which the elastic law exp(-U / s^2) has mean 0, deviation 1 and s = 1.
+# Symbols: p_i the density at stop i, A_i = (1 + R_i) / 2, g = omega^2 / E v^2 and s_v^2 = E v^2.
+# The law C exp(lambda x - kappa x^2 / 2) and s_v obey the balances of force, of virial about the
+# mean and of energy:
+#
+#     g m - load / s_v^2 + A_u p_u - A_l p_l = 0,
+#     1 - g Var x - A_u p_u (upper - m) - A_l p_l (m - lower) = 0,
+#     (b + sum (1 - R_i^2) p_i s_v / sqrt(2 pi)) s_v^2 = S0 / 2:
+#
+# three equations for lambda, kappa and log s_v, whose derivatives are moments of the same law.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,6 @@
-"""Choice of the form that linearises a gap, by its name, its variant and the stops."""
+"""Forms of statistical linearisation of one gap. Chapters: averages within a compliant stop;
+closure between rigid stops; closure for compliant stops; the form "motion"; the form "force";
+choice of the form."""
 
 from __future__ import annotations
 
@@ -126,15 +128,13 @@ def _fall(
 #
 # In the variant "box" the distribution of impact speeds is that of a free mass in a box. Without
 # spring and damper, under white noise, a mass between two stops of restitution R has one
-# distribution
-# up to units. There F1 = A p s^2 / 2 and F2 = A g p s^3 sqrt(2 / pi), p the density at the stop in
-# the family of this closure. A and g depend on R alone: the slow rebounds of an inelastic stop fill
-# the density near it, but hardly add to the force. Both fade where damping makes the speeds
-# Gaussian.
-# Where impacts take the share h of all losses, A^sqrt(h) stands in place of A; g, which belongs to
-# the distribution of speeds, becomes g^h. With A itself in any gap, the mean error of F1 for zeta >
-# .05 in gaps above a deviation is 9.1 % (2.5 % with sqrt(h)); with A to the power of h, that of
-# sigma_x in narrower gaps is .7 % (.4 %), on the grid of the atlas.
+# distribution up to units. There F1 = A p s^2 / 2 and F2 = A g p s^3 sqrt(2 / pi), p the density at
+# the stop in the family of this closure. A and g depend on R alone: the slow rebounds of an
+# inelastic stop fill the density near it, but hardly add to the force. Both fade where damping
+# makes the speeds Gaussian. Where impacts take the share h of all losses, A^sqrt(h) stands in place
+# of A; g, which belongs to the distribution of speeds, becomes g^h. With A itself in any gap, the
+# mean error of F1 for zeta > .05 in gaps above a deviation is 9.1 % (2.5 % with sqrt(h)); with A to
+# the power of h, that of sigma_x in narrower gaps is .7 % (.4 %), on the grid of the atlas.
 # ------------------------------------------------------------------------------
 
 
@@ -353,17 +353,13 @@ def _one_stop_candidate(gap: Gap, unknowns: Unknowns) -> Candidate:
 # multiplied by exp(-V(y) / tau), V the energy stored at the deflection y. x' is Gaussian with the
 # mean square s^2. lambda, kappa and s obey the balances of force, virial and energy. tau is s^2 for
 # an elastic stop: with white noise the law is then the Gibbs distribution exp(-U / s^2), and exact
-# (B
-# 13.38).
+# (B 13.38).
 #
 # A viscoelastic stop loses energy. A brief contact leaves with R = exp(-2 z arccos z / sqrt(1 -
-# z^2))
-# times its speed (B App. I); the mean push of such contacts is (1 + R) / 2 p s^2, p the density at
-# the surface, and that of the layer p tau: hence tau = (1 + R) / 2 s^2. They lose (1 - R^2) / 2 F2
-# =
-# (1 - R^2) p s^3 / sqrt(2 pi). The damper alone, c = 2 z sqrt(K), would take c s^2 P(contact), P =
-# p
-# sqrt(pi tau / (2 K)). Its power is therefore multiplied by
+# z^2)) times its speed (B App. I); the mean push of such contacts is (1 + R) / 2 p s^2, p the
+# density at the surface, and that of the layer p tau: hence tau = (1 + R) / 2 s^2. They lose (1 -
+# R^2) / 2 F2 = (1 - R^2) p s^3 / sqrt(2 pi). The damper alone, c = 2 z sqrt(K), would take c s^2
+# P(contact), P = p sqrt(pi tau / (2 K)). Its power is therefore multiplied by
 #
 #     g = (1 - R^2) / (pi z sqrt(2 (1 + R))),
 #
@@ -657,22 +653,18 @@ def brief_contact(law: Viscoelastic) -> tuple[float, float]:
 #     m_F = E Phi(x),        k = E Phi(x) (x - E x) / s^2,
 #
 # s the deviation of the normal distribution: where it is not cut, k = E Phi'(x). At a rigid stop
-# the
-# mean force is A p s_v^2. p is the density of the truncated distribution at the stop, A the factor
-# of
-# `motion_factor`. For an elastic stop Phi = K (x - c)+ and u = (c - m) / s this is (B 8.48, 8.49)
+# the mean force is A p s_v^2. p is the density of the truncated distribution at the stop, A the
+# factor of `motion_factor`. For an elastic stop Phi = K (x - c)+ and u = (c - m) / s this is (B
+# 8.48, 8.49)
 #
 #     m_F = K [s phi(u) - (c - m) Q(u)],        k = K Q(u),
 #
 # Q the upper tail of the normal distribution, and two stops add (B 8.50, 8.51); for a Hertz stop
-# m_F
-# = C s^(3/2) Gamma(5/2) / sqrt(2 pi) exp(-u^2 / 4) D_(-5/2)(u), D the parabolic cylinder function.
-# Here all of them are quadratures relative to the density at the stop, which keep their digits in
-# the
-# tail. The loss is that of impacts with the restitution that a free mass sees, at the rate f at
-# which
-# x crosses the stop (B 8.54, 8.55): beta = (1 - R^2) f / 2 where the mean square impact speed is E
-# v^2, as in the book, and twice that for Rayleigh speeds.
+# m_F = C s^(3/2) Gamma(5/2) / sqrt(2 pi) exp(-u^2 / 4) D_(-5/2)(u), D the parabolic cylinder
+# function. Here all of them are quadratures relative to the density at the stop, which keep their
+# digits in the tail. The loss is that of impacts with the restitution that a free mass sees, at the
+# rate f at which x crosses the stop (B 8.54, 8.55): beta = (1 - R^2) f / 2 where the mean square
+# impact speed is E v^2, as in the book, and twice that for Rayleigh speeds.
 # ------------------------------------------------------------------------------
 
 
@@ -818,8 +810,8 @@ def book_speeds(hits: StopStatistics, speed: float) -> StopStatistics:
 #
 # the integral over all x that the mass can take. With rigid stops on both sides and no spring this
 # is (B 7.76, 8.82, 8.83), 1 / k = (upper - lower) p_F(0); with a spring and one stop (B 7.77, 8.86,
-# 8.87); with two (B 7.78, 8.84, 8.85, 13.24-13.33). A stop of stiffness K adds
-# P(F beyond it) / (omega^2 + K).
+# 8.87); with two (B 7.78, 8.84, 8.85, 13.24-13.33). A stop of stiffness K adds P(F beyond it) /
+# (omega^2 + K).
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,5 @@
-"""The numbers of an answer from a candidate: rates, contacts, peak forces."""
+"""The linear system in place of one oscillator with stops. Chapters: the candidate; the system and
+its units; the search for the response that is its own linearisation; the numbers of the answer."""
 
 from __future__ import annotations
 
@@ -411,7 +412,7 @@ def root(problem: Problem, start: Unknowns, *, patient: bool = True) -> Unknowns
 
 
 # ------------------------------------------------------------------------------
-# The numbers of an answer from a candidate:
+# The numbers of an answer from a candidate: rates, contacts, peak forces.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,6 @@
-"""The linear structure that stands for several coordinates and pairs, and its spectra."""
+"""Linearisation of a scene. Chapters: the closure corrected for clusters of impacts; conditions,
+answers and warnings; rms along a bar, a beam or a plate; the linearised oscillator; the linear
+structure and its spectra."""
 
 from __future__ import annotations
 
@@ -62,19 +64,17 @@ if TYPE_CHECKING:
 # The closure corrected for impacts that come in clusters.
 #
 # A lightly damped mass keeps its energy for some 1 / zeta cycles: once it reaches stops that are
-# far
-# away it hits them again and again, at speeds that no Gaussian velocity has. The closure does not
-# describe such clusters; the distribution of the slowly varying energy (`energy_law`, with finite
-# jumps) describes nothing but them. This form takes the weighted mean of both,
+# far away it hits them again and again, at speeds that no Gaussian velocity has. The closure does
+# not describe such clusters; the distribution of the slowly varying energy (`energy_law`, with
+# finite jumps) describes nothing but them. This form takes the weighted mean of both,
 #
 #     E = (1 - w) E_closure + w E_energy,      w = gap / (gap + CLUMPING zeta),
 #
 # for mean forces, losses and moments alike. gap is the distance of the nearest stop from the
-# position
-# of rest, in standard deviations of the motion without stops. Between two stops the closure is that
-# of the variant "box". The balance of energy is linear in these numbers and holds for both laws, so
-# that it holds for their mean; the linear model with the m_F, k and beta that follow from the mean
-# obeys it, too.
+# position of rest, in standard deviations of the motion without stops. Between two stops the
+# closure is that of the variant "box". The balance of energy is linear in these numbers and holds
+# for both laws, so that it holds for their mean; the linear model with the m_F, k and beta that
+# follow from the mean obeys it, too.
 # ------------------------------------------------------------------------------
 
 

@@ -1,13 +1,5 @@
-"""The moment closure for several coordinates and pairs: every gap keeps its own balances.
-
-The stops of each pair are replaced by m_F + k (y - E y) + beta y' on its gap y (B 17.3, 17.38). The
-linear structure that remains is solved exactly. As for one oscillator, the gap has the density C
-exp(lambda y - kappa y^2 / 2) between its stops and a Gaussian speed. m_F is the mean force of the
-stops; k is its covariance with y over the variance of y; beta is the power that impacts take over E
-y'^2; lambda, kappa and the speed are those with which the linear structure answers. With them the
-balances of energy and virial of the whole hold, and of the force on every coordinate. Under white
-noise impacts also scatter energy among the modes, see `scattering`.
-"""
+"""Linearisation of several coordinates and pairs. Chapters: energy that impacts scatter among
+modes; the stated error; the moment closure; springs and dampers that are functions."""
 
 from __future__ import annotations
 
@@ -81,14 +73,11 @@ from stochvi.scenes.scene import Scene
 # A spring and a damper in place of the stops push in step with their gap. The impulses of real
 # impacts come at times that the other modes do not know: they shake all modes. A part of them,
 # `SCATTERED`, acts here as white noise on the gap, of intensity rate times E P^2, with P the
-# impulse
-# of an impact; less where contacts are long and the force is that of the spring. At Rayleigh speeds
-# E P^2 = 4 / pi (E P)^2, and rate times E P is the mean force of the stop. A damper in parallel
-# takes
-# the power of this noise again, since impacts make none: the balance of energy stays as it was.
-# Noise
-# and damper of one temperature leave a Gibbs distribution as it is, so that the closure stays exact
-# where it was.
+# impulse of an impact; less where contacts are long and the force is that of the spring. At
+# Rayleigh speeds E P^2 = 4 / pi (E P)^2, and rate times E P is the mean force of the stop. A damper
+# in parallel takes the power of this noise again, since impacts make none: the balance of energy
+# stays as it was. Noise and damper of one temperature leave a Gibbs distribution as it is, so that
+# the closure stays exact where it was.
 #
 # A contact of the duration T hardly moves a mode whose period is shorter. Noise and damper act on
 # each mode by the spectrum of a half sine, cos(pi x / 2) / (1 - x^2) with x = omega T / pi.
@@ -344,7 +333,15 @@ def _correlation(modes: ModalForm, free: LinearLaw) -> float:
 
 
 # ------------------------------------------------------------------------------
-# The moment closure for several coordinates and pairs:
+# The moment closure for several coordinates and pairs: every gap keeps its own balances.
+#
+# The stops of each pair are replaced by m_F + k (y - E y) + beta y' on its gap y (B 17.3, 17.38).
+# The linear structure that remains is solved exactly. As for one oscillator, the gap has the
+# density C exp(lambda y - kappa y^2 / 2) between its stops and a Gaussian speed. m_F is the mean
+# force of the stops; k is its covariance with y over the variance of y; beta is the power that
+# impacts take over E y'^2; lambda, kappa and the speed are those with which the linear structure
+# answers. With them the balances of energy and virial of the whole hold, and of the force on every
+# coordinate. Under white noise impacts also scatter energy among the modes, as above.
 # ------------------------------------------------------------------------------
 
 

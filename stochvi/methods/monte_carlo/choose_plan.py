@@ -1,4 +1,6 @@
-"""Choice of the plan for a model, and the conditions of `simulate`."""
+"""How a model is simulated. Chapters: the sampler of `simulate`; what the first paths take; choice
+of the plan, and conditions; stationary records of many paths; logs of every impact; motion of gaps
+without impacts."""
 
 from __future__ import annotations
 
@@ -393,7 +395,7 @@ def make_plan(
     duration
         Counted seconds of a path; None for the default of the plan.
     slow_impacts, corner_share
-        Whether steps near a stop are refined, and to which length (`rigid_white.WhitePlan`).
+        Whether steps near a stop are refined, and to which length (`white.WhitePlan`).
     deadline
         When the simulation has to end: a plan is not begun that takes longer itself.
     statistics
@@ -602,7 +604,7 @@ class ImpactPlan:
 
     `relaxation` is the relaxation time of the energy, s; `fastest` the largest frequency of the
     motion, rad/s; `speeds` are the rms speeds of the pairs, m/s; `corner_share` is that of
-    `rigid_white.WhitePlan` where slow impacts are resolved, else None.
+    `white.WhitePlan` where slow impacts are resolved, else None.
     """
 
     source: Plan
@@ -746,8 +748,7 @@ def plan_impacts(
 # Motion of the gaps of a linear structure under Gaussian noise, without impacts and sines.
 #
 # The response is a sum over bins of frequency, as in `modal_tables`; white and filtered noise
-# become
-# tables, so that all of it is synthesised, and no step is taken.
+# become tables, so that all of it is synthesised, and no step is taken.
 # ------------------------------------------------------------------------------
 
 

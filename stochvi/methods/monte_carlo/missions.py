@@ -1,4 +1,5 @@
-"""Missions of one oscillator under white noise: the plan of their steps, start and end."""
+"""Missions of one oscillator under white noise. Chapters: the plan of their steps, start and end;
+rare events by splitting."""
 
 from __future__ import annotations
 
@@ -345,20 +346,18 @@ def _longest_for_speed(base: WhitePlan, speed: float) -> float:
 # ------------------------------------------------------------------------------
 # Rare events by splitting: paths that come close are copied, and count for less.
 #
-# A mission that fails passes through states of higher and higher energy. With levels of energy
-# E_1 < ... < E_m and the event F,
+# A mission that fails passes through states of higher and higher energy. With levels of energy E_1
+# < ... < E_m and the event F,
 #
 #     P(F) = P(E_1 reached) P(E_2 reached | E_1 reached) ... P(F | E_m reached),
 #
 # and each factor, some 0.2, is a share of N paths that start where earlier ones reached the level
 # before: splitting with fixed effort (P. Glasserman, P. Heidelberger, P. Shahabuddin and T. Zajic,
 # Oper. Res. 47 (1999) 585; M. Garvels, thesis, Twente 2000). Each survivor is copied as often as
-# any
-# other, once more or less by lot, so that the product is unbiased for levels fixed beforehand;
-# paths
-# with common ancestors are not independent, so that the error comes from independent repetitions of
-# the whole. The energy is the right measure of closeness for light damping: a vibration forgets its
-# phase in a period, its energy in many.
+# any other, once more or less by lot, so that the product is unbiased for levels fixed beforehand;
+# paths with common ancestors are not independent, so that the error comes from independent
+# repetitions of the whole. The energy is the right measure of closeness for light damping: a
+# vibration forgets its phase in a period, its energy in many.
 #
 # Levels are the quantiles of the largest energies of a pilot (adaptive multilevel splitting: F.
 # Cerou and A. Guyader, Stoch. Anal. Appl. 25 (2007) 417), whose own biased result is not used.

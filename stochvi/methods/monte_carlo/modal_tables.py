@@ -1,12 +1,5 @@
-"""Tabulated noise on structures of several modes: the plan, and a block of paths.
-
-The response to the tables without stops is synthesised: a periodic Gaussian signal of all modes at
-once. It is a sum over bins of width 1 / length with common coefficients, each mode through its own
-H (see `frequency_response.bin_amplitudes`). The changes by impacts and contacts are added step by
-step, as is the response to white noise (kicks) and signals (states). These are exact over a step.
-As for one oscillator (`tabulated`), bins up to half the sampling rate are synthesised. The last
-quarter of them is scaled up to hold the velocity variance beyond.
-"""
+"""Structures of several modes by records, and with compliant stops. Chapters: forces drawn for a
+whole record (shocks, fast peaks); compliant stops under white noise; tabulated noise."""
 
 from __future__ import annotations
 
@@ -302,7 +295,14 @@ def check_stiffness(plan: ModalContactsPlan) -> None:
 
 
 # ------------------------------------------------------------------------------
-# Tabulated noise on structures of several modes:
+# Tabulated noise on structures of several modes: the plan, and a block of paths.
+#
+# The response to the tables without stops is synthesised: a periodic Gaussian signal of all modes
+# at once. It is a sum over bins of width 1 / length with common coefficients, each mode through its
+# own H (see `spectra.bin_amplitudes`). The changes by impacts and contacts are added step by step,
+# as is the response to white noise (kicks) and signals (states). These are exact over a step. As
+# for one oscillator (`tabulated`), bins up to half the sampling rate are synthesised. The last
+# quarter of them is scaled up to hold the velocity variance beyond.
 # ------------------------------------------------------------------------------
 
 

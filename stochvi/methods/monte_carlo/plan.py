@@ -1,9 +1,6 @@
-"""The protocol of a plan: how the paths of one scene are simulated, and what is averaged.
-
-A plan knows the model, the step and the lengths of a path; it does not depend on the number of
-paths or on the use of the averages. The averages of a block of paths follow from the plan, the
-seed and the numbers of the paths alone. So any worker may compute them.
-"""
+"""What a simulation averages, and its errors. Chapters: the quantities of a response
+(`of_coordinate`, `of_pair`); statistics of independent paths; bias of the step; the protocol of a
+plan; a statistic of one's own."""
 
 from __future__ import annotations
 
@@ -263,7 +260,7 @@ class PathStatistics(PathMoments):
     @cached_property
     def _neighbours(self) -> list[tuple[int, float, Means, Means]]:
         """Neighbouring means at which the delta method evaluates all quantities; see `neighbours`
-        of `results.intervals`."""
+        of `results.estimates`."""
         return [
             (row, float(step), self._named(above), self._named(below))
             for row, step, above, below in neighbours(*self._controlled)
@@ -422,8 +419,7 @@ def at_both_steps(
 # The bias that a finite step leaves in a quantity, from the quantity's change with the step.
 #
 # Every plan simulates some of its paths at its step h and at 2 h. If a scheme is of order p, the
-# bias
-# at h is the difference of the two results over 2^p - 1. This module knows the order of each
+# bias at h is the difference of the two results over 2^p - 1. This module knows the order of each
 # quantity, and the cases in which slow impacts on inelastic stops make the bias unknown.
 # ------------------------------------------------------------------------------
 
@@ -547,7 +543,11 @@ def extrapolated(name: str, difference: float, restitution: float) -> float:
 
 
 # ------------------------------------------------------------------------------
-# The protocol of a plan:
+# The protocol of a plan: how the paths of one scene are simulated, and what is averaged.
+#
+# A plan knows the model, the step and the lengths of a path; it does not depend on the number of
+# paths or on the use of the averages. The averages of a block of paths follow from the plan, the
+# seed and the numbers of the paths alone. So any worker may compute them.
 # ------------------------------------------------------------------------------
 
 

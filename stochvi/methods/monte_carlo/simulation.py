@@ -1,4 +1,5 @@
-"""A simulation: its paths, when there are enough of them, and the response that they give."""
+"""`simulate`. Chapters: a simulation, when its paths are enough, and its response; the calculation,
+the prediction of its cost, and single recorded paths."""
 
 from __future__ import annotations
 

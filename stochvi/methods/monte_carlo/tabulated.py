@@ -1,21 +1,5 @@
-"""Tabulated noise on one oscillator: the response without stops is synthesised, impacts are added.
-
-A path is a row of independent blocks, of which a part may be left uncounted. Within a block the
-free response y is a periodic Gaussian signal, a sum over bins of width 1 / length whose variances
-are the integrals of the response density |H|^2 G over the bins, so that the edges of a table are
-exact. Bins up to the cut at half the sampling rate are synthesised; the last quarter of them is
-scaled up so that the velocity variance beyond the cut is not lost. White and filtered noise that
-act together with a table become tables themselves; a sine adds its steady response.
-
-Relative errors for every shipped profile on mounts of 8, 12 and 50 Hz (zeta 0.1), from sums over
-the bins and frequency integrals: at most 2e-5 in the standard deviations of y and y', and 1.6e-4 in
-the rate at which y crosses 3 sigma. The cubics between the samples add an error where the velocity
-has power up to the cut: they cross 3 sigma too seldom, by at most 0.04 % for a 12 Hz mount on a
-truck (vertical) and 0.15 % for any profile.
-
-Contacts with compliant stops are integrated in sub-steps of their own time scale, within the
-sampling interval (`engine.one_mass`).
-"""
+"""Tabulated noise on one oscillator. Chapters: levels that vary at random; synthesis of the
+response without stops, and impacts."""
 
 from __future__ import annotations
 
@@ -83,8 +67,7 @@ from stochvi.scenes.impact_laws import CompliantLaw
 # The level in decibels is known at knots, of which many fall into its correlation time, and is
 # straight between them. Knots do not depend on the sampling: records at half the rate have the same
 # level. The record of a block repeats, but its level does not: it jumps before the warm-up, which
-# the
-# end of the block is.
+# the end of the block is.
 # ------------------------------------------------------------------------------
 
 
@@ -130,7 +113,23 @@ def levels_of_block(
 
 
 # ------------------------------------------------------------------------------
-# Tabulated noise on one oscillator:
+# Tabulated noise on one oscillator: the response without stops is synthesised, impacts are added.
+#
+# A path is a row of independent blocks, of which a part may be left uncounted. Within a block the
+# free response y is a periodic Gaussian signal, a sum over bins of width 1 / length whose variances
+# are the integrals of the response density |H|^2 G over the bins, so that the edges of a table are
+# exact. Bins up to the cut at half the sampling rate are synthesised; the last quarter of them is
+# scaled up so that the velocity variance beyond the cut is not lost. White and filtered noise that
+# act together with a table become tables themselves; a sine adds its steady response.
+#
+# Relative errors for every shipped profile on mounts of 8, 12 and 50 Hz (zeta 0.1), from sums over
+# the bins and frequency integrals: at most 2e-5 in the standard deviations of y and y', and 1.6e-4
+# in the rate at which y crosses 3 sigma. The cubics between the samples add an error where the
+# velocity has power up to the cut: they cross 3 sigma too seldom, by at most 0.04 % for a 12 Hz
+# mount on a truck (vertical) and 0.15 % for any profile.
+#
+# Contacts with compliant stops are integrated in sub-steps of their own time scale, within the
+# sampling interval (`engine.one_mass`).
 # ------------------------------------------------------------------------------
 
 
@@ -481,7 +480,7 @@ class TabulatedPlan:
         extremes: NDArray[np.float64] | None = None,
         log: Log | None = None,
     ) -> None:
-        """Add impacts to free responses (samples, 2 paths): see `response_domain.run_response`."""
+        """Add impacts to free responses (samples, 2 paths): see `kernels.one_mass.run_response`."""
         state, peaks = self._before(free, warm_up)
         self._go_on(free, (-warm_up, counted), state, peaks, sums, record, extremes, log)
 

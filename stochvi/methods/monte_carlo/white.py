@@ -1,13 +1,5 @@
-"""Springs that are functions, where a mass meets its stops: the step and the linear part that suit.
-
-A step of length h kicks by the force g (per unit mass) that the linear part leaves out: half at its
-start, half at its end. An impact at the time t of the step comes after the impulse g h / 2, where
-g t is right. Its speed is wrong by g (h / 2 - t). The impact turns this error, and at the end of
-the step the velocity is wrong by (1 + R) g (t - h / 2). All t are alike: the mean is 0, and the
-mean square (1 + R)^2 g^2 h^2 / 12. Half of it is energy that no force has brought. Between impacts
-the errors of the kicks cancel. Those of a damper cancel at a stop, where its force turns with the
-velocity.
-"""
+"""Plans of one oscillator under white noise. Chapters: rigid stops; the stops as the engine knows
+them; compliant stops; springs that are functions where a mass meets its stops."""
 
 from __future__ import annotations
 
@@ -933,7 +925,15 @@ def _compliant_step(model: Model, speed: float, spread: float) -> float:
 
 
 # ------------------------------------------------------------------------------
-# Springs that are functions, where a mass meets its stops:
+# Springs that are functions, where a mass meets its stops: the step and the linear part that suit.
+#
+# A step of length h kicks by the force g (per unit mass) that the linear part leaves out: half at
+# its start, half at its end. An impact at the time t of the step comes after the impulse g h / 2,
+# where g t is right. Its speed is wrong by g (h / 2 - t). The impact turns this error, and at the
+# end of the step the velocity is wrong by (1 + R) g (t - h / 2). All t are alike: the mean is 0,
+# and the mean square (1 + R)^2 g^2 h^2 / 12. Half of it is energy that no force has brought.
+# Between impacts the errors of the kicks cancel. Those of a damper cancel at a stop, where its
+# force turns with the velocity.
 # ------------------------------------------------------------------------------
 
 

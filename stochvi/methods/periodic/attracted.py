@@ -1,4 +1,5 @@
-"""Bifurcation diagrams: impact speeds of the motions that a slow sweep goes through."""
+"""Motions in which paths under a sine end. Chapters: attractors and their surroundings; basins of
+coexisting motions; bifurcation diagrams."""
 
 from __future__ import annotations
 
@@ -1079,7 +1080,7 @@ def _shares(ends: Whole, number: int) -> tuple[list[int], Vector]:
 
 
 # ------------------------------------------------------------------------------
-# Bifurcation diagrams:
+# Bifurcation diagrams: impact speeds of the motions that a slow sweep goes through.
 # ------------------------------------------------------------------------------
 
 

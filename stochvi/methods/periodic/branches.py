@@ -1,5 +1,5 @@
-"""Branches of periodic regimes: found by flights and by Newton's iteration, followed, and their
-special points located and named."""
+"""Branches of periodic motions between rigid stops. Chapters: motions that rest on a stop, followed
+by simulation; branches by Newton's iteration, with their special points."""
 
 from __future__ import annotations
 
@@ -330,7 +330,8 @@ def at_phase_0(motion: solver.Motion, state: Vector, phase: float) -> Vector:
 
 
 # ------------------------------------------------------------------------------
-# Branches of periodic regimes:
+# Branches of periodic regimes: found by flights and by Newton's iteration, followed, and their
+# special points located and named.
 # ------------------------------------------------------------------------------
 
 

@@ -1,11 +1,5 @@
-"""Branches of periodic regimes where stops are compliant: by shooting from the phase 0 of the
-force.
-
-A regime is a state z that the flow F over its periods takes back to itself, F(z, sigma) = z. Its
-Jacobian, which the flow gives exactly, holds the factors of small perturbations; branches are
-followed by length of arc in (z, sigma). Where a contact appears or vanishes the motion does not
-change at once: a branch is cut there into branches of one order of contacts each.
-"""
+"""Branches of periodic motions by shooting. Chapters: compliant stops; springs and dampers that are
+functions."""
 
 from __future__ import annotations
 
@@ -36,6 +30,15 @@ from stochvi.methods.periodic.continuation import (
 from stochvi.methods.periodic.family import Family
 from stochvi.methods.periodic.kernels import contact_flow, function_flow, solver
 from stochvi.results.deadline import NEVER, Deadline
+
+# ------------------------------------------------------------------------------
+# Branches of periodic regimes where stops are compliant: by shooting from the phase 0 of the force.
+#
+# A regime is a state z that the flow F over its periods takes back to itself, F(z, sigma) = z. Its
+# Jacobian, which the flow gives exactly, holds the factors of small perturbations; branches are
+# followed by length of arc in (z, sigma). Where a contact appears or vanishes the motion does not
+# change at once: a branch is cut there into branches of one order of contacts each.
+# ------------------------------------------------------------------------------
 
 CONVERGED = 1e-11
 """Change of a state, in the units of the kernels, at which Newton's iteration has converged."""

@@ -1,10 +1,6 @@
-"""A branch of periodic regimes, followed by length of arc from one of its regimes.
-
-A point of a branch is u = (x, WEIGHT sigma): what tells regimes at one place of the range apart
-(the phases of their impacts, or a state), and the parameter. Steps go along the tangent, and
-Newton's iteration takes each back to the branch. The values at which a branch is drawn change
-nothing of its course: the regimes there are added between its own points.
-"""
+"""Continuation of a branch. Chapters: states of a periodic motion from the phases of its impacts;
+impacts even in time; branches as kernels have them; simulation from impact to impact; steps by
+length of arc."""
 
 from __future__ import annotations
 
@@ -468,6 +464,11 @@ def simulate(
 
 # ------------------------------------------------------------------------------
 # A branch of periodic regimes, followed by length of arc from one of its regimes.
+#
+# A point of a branch is u = (x, WEIGHT sigma): what tells regimes at one place of the range apart
+# (the phases of their impacts, or a state), and the parameter. Steps go along the tangent, and
+# Newton's iteration takes each back to the branch. The values at which a branch is drawn change
+# nothing of its course: the regimes there are added between its own points.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,5 @@
-"""The numbers of a scene as functions of one of its keys, as the kernels take them."""
+"""A family of scenes over one key, as kernels take it. Chapters: springs and dampers that are
+functions; the numbers of a scene; states by names of coordinates."""
 
 from __future__ import annotations
 

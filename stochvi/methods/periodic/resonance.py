@@ -1,9 +1,6 @@
-"""Vibro-impact resonance: how it is kept up by a harmonic force, and how long by a random one.
-
-Between stops a mass has regimes in which it hits them once a period, besides rest or motion without
-impacts. A harmonic force keeps one up as long as the gap is below an energy boundary; random
-thrust supplies on average no power to it, and by chance enough only for a while.
-"""
+"""Vibro-impact resonance and drives. Chapters: resonance of any structure, and how long noise
+maintains it; one mass under a harmonic or random force; a motor of limited power; restitution that
+scatters; a relay; a striker whose drive switches."""
 
 from __future__ import annotations
 
@@ -39,8 +36,7 @@ if TYPE_CHECKING:
 # Vibro-impact resonance of any structure, and how long noise can maintain it.
 #
 # Resonant regimes are close to free motions between impacts without loss. Such a motion of a pair
-# is
-# its periodic response to its own impulses, y0 = -J chi(t). The response chi follows from the
+# is its periodic response to its own impulses, y0 = -J chi(t). The response chi follows from the
 # compliance at the pair, here mode by mode (Babitsky, section 14).
 # ------------------------------------------------------------------------------
 
@@ -431,7 +427,11 @@ def _unmet(model: Model, pairs: Sequence[Pair]) -> list[str]:
 
 
 # ------------------------------------------------------------------------------
-# Vibro-impact resonance:
+# Vibro-impact resonance: how it is kept up by a harmonic force, and how long by a random one.
+#
+# Between stops a mass has regimes in which it hits them once a period, besides rest or motion
+# without impacts. A harmonic force keeps one up as long as the gap is below an energy boundary;
+# random thrust supplies on average no power to it, and by chance enough only for a while.
 # ------------------------------------------------------------------------------
 
 
@@ -740,8 +740,7 @@ class RandomResonance:
 # A motor of limited power that shakes a structure against its stops (B 12.37, 12.42).
 #
 # The structure takes from the motor what its damping and its impacts lose, and the speed of the
-# motor
-# settles where it can give that. So the frequency of the sine is no longer given.
+# motor settles where it can give that. So the frequency of the sine is no longer given.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,5 @@
-"""Periodic regimes of a scene under its sines: over frequency, or over any key of the scene."""
+"""Periodic motions under a sine. Chapters: the answer; harmonic linearisation of rigid stops; slow
+sweeps; the calculation, over frequency or any key."""
 
 from __future__ import annotations
 
@@ -923,7 +924,7 @@ def _step(sigma: float, before: SweepState, after: SweepState) -> Step:
 
 
 # ------------------------------------------------------------------------------
-# Periodic regimes of a scene under its sines:
+# Periodic regimes of a scene under its sines: over frequency, or over any key of the scene.
 # ------------------------------------------------------------------------------
 
 

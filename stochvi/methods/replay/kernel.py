@@ -107,7 +107,7 @@ class Stops(NamedTuple):
     the law per reduced mass (m, rows, 3): rigid (R), pieces (start, force, slope) with unused rows
     that start at infinity, damped (K, c), Hertz (k). Forces that are functions, and restitutions
     that are asked of each impact (m,), have addresses and numbers of their own, (m, 4) and
-    (m, columns); see `engine.law_calls`. `laws` then holds a restitution that stands for all."""
+    (m, columns); see `engine.calls`. `laws` then holds a restitution that stands for all."""
 
     gaps: np.ndarray
     levers: np.ndarray

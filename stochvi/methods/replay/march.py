@@ -1,4 +1,5 @@
-"""The march of a model through sampled forces and base motion, which gives its histories."""
+"""Replay by power series. Chapters: the march of a model through sampled forces; drawn excitations
+beside a record."""
 
 from __future__ import annotations
 
@@ -328,8 +329,7 @@ def _stops(model: Model) -> kernel.Stops:
 #
 # A drive changes the momentum of what it acts on by p within a sampling interval h of the record.
 # The force p / h at the sample, linear to 0 at both neighbours, has the same momentum. So an
-# impulse
-# lasts two intervals, and a force of one's own is linear between samples, as the record is.
+# impulse lasts two intervals, and a force of one's own is linear between samples, as the record is.
 # ------------------------------------------------------------------------------
 
 

@@ -1,8 +1,5 @@
-"""A measured record itself, passed through a structure and its stops.
-
-What is linear between stops without friction is followed by power series (`march`), all else in
-steps of a simulation (`steps`).
-"""
+"""A measured record itself, passed through a structure and its stops. Chapters: the answer;
+`replay`."""
 
 from __future__ import annotations
 
@@ -404,6 +401,9 @@ def _impacts_in_words(name: str, pair: PairReplay) -> str:
 
 # ------------------------------------------------------------------------------
 # A measured record itself, passed through a structure and its stops.
+#
+# What is linear between stops without friction is followed by power series (`march`), all else in
+# steps of a simulation (`steps`).
 # ------------------------------------------------------------------------------
 
 

@@ -1,6 +1,6 @@
 """What shakes the system: noise (white, filtered, of a density), a sine, a constant load.
 
-Each excitation is a file. A class of `DrawnExcitation` is found there; `Excitation` lists others.
+A class of `DrawnExcitation` is found in any file of this package; `Excitation` lists the others.
 """
 
 from __future__ import annotations

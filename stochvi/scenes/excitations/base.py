@@ -1,5 +1,5 @@
-"""The base classes of all excitations, of noise made from white noise and of noise with a density,
-and checks of their units."""
+"""Base classes of excitations, and the plainest ones. Chapters: base classes and checks of their
+units; white noise; a constant load; a sine."""
 
 from __future__ import annotations
 

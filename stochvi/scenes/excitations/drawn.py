@@ -1,4 +1,5 @@
-"""The base class of excitations whose values a simulation draws in the course of a path."""
+"""Excitations whose values a simulation draws in the course of a path. Chapters: the base class;
+pulses at random times; a function of one's own."""
 
 from __future__ import annotations
 

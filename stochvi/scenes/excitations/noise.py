@@ -1,4 +1,6 @@
-"""A stiffness, a damping or a clearance that changes in time."""
+"""Excitations by noise, and modulation. Chapters: filters of any order; one resonance; roads by ISO
+8608; vehicles on a road; a base that follows a road; saved spectra; tabulated densities; strengths
+and clearances that change in time."""
 
 from __future__ import annotations
 
@@ -53,8 +55,7 @@ from stochvi.scenes.validation import (
 # White noise through a filter of any order: of a transfer function, or in state space.
 #
 # Both have the one-sided density 2 S0 |H(i w)|^2 of the white noise of intensity S0 that passes
-# them.
-# Methods read it as a table, which is as dense as its interpolation needs.
+# them. Methods read it as a table, which is as dense as its interpolation needs.
 # ------------------------------------------------------------------------------
 
 
@@ -431,8 +432,7 @@ def road_table(roughness: float, speed: float, band_hz: tuple[float, float]) -> 
 #     c_t)
 #
 # so that the acceleration of body or wheel has the density |H|^2 times that of the road. The mount
-# is
-# taken to weigh nothing against the body: it does not act back on the vehicle.
+# is taken to weigh nothing against the body: it does not act back on the vehicle.
 # ------------------------------------------------------------------------------
 
 
@@ -628,7 +628,7 @@ def _entries(
 
 
 class RoadNoise(DensityNoise):
-    """A base that follows a road of ISO 8608 at a constant speed (see `road_density`).
+    """A base that follows a road of ISO 8608 at a constant speed (see `road_table`).
 
     Within `band_hz` the density of its vertical velocity is constant, and that of its acceleration
     rises as f^2. The mount stands on the road itself, or on the vehicle of the scene.

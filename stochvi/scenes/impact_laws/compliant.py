@@ -1,7 +1,6 @@
-"""Stops of rubber and steel: a linear spring, alone or with a parallel damper.
-
-`rubber_data.py` makes their numbers from hardness, loss factor or restitution.
-"""
+"""Compliant stops. Chapters: base classes of all laws; a force of one's own; tables; Hertz; the
+power law with loss; numbers of rubber from hardness, loss factor or restitution; the linear spring
+with or without damper."""
 
 from __future__ import annotations
 
@@ -1039,7 +1038,7 @@ class PowerLaw(CompliantLaw):
 # ------------------------------------------------------------------------------
 # Numbers of a linear stop from what is known of its rubber: hardness, loss factor, restitution.
 #
-# The laws themselves are in `viscoelastic.py`.
+# The laws themselves follow below.
 # ------------------------------------------------------------------------------
 
 
@@ -1194,7 +1193,9 @@ def _positive(keys: Mapping[str, Any], name: str) -> float:
 
 
 # ------------------------------------------------------------------------------
-# Stops of rubber and steel:
+# Stops of rubber and steel: a linear spring, alone or with a parallel damper.
+#
+# The chapter before makes their numbers from hardness, loss factor or restitution.
 # ------------------------------------------------------------------------------
 
 

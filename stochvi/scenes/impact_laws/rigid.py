@@ -1,4 +1,6 @@
-"""Rigid stops: an impact is instantaneous, and its loss of energy follows from a restitution."""
+"""Rigid stops: an impact takes no time, and its loss follows from a restitution. Chapters:
+restitution by laws of one number; constant or scattering restitution; restitution that depends on
+the speed."""
 
 from __future__ import annotations
 
@@ -102,7 +104,7 @@ def yielding_restitution(ratio: ArrayLike) -> Vector:
 
 
 # ------------------------------------------------------------------------------
-# Rigid stops:
+# Rigid stops: an impact is instantaneous, and its loss of energy follows from a restitution.
 # ------------------------------------------------------------------------------
 
 

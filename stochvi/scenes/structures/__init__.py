@@ -1,4 +1,4 @@
-"""The structure that moves between the stops. Each structure is a file; `Structure` lists them."""
+"""The structure that moves between the stops. `Structure` lists its kinds."""
 
 from __future__ import annotations
 

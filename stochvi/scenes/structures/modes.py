@@ -1,9 +1,5 @@
-"""Structures by their natural modes: displacement at a point = sum of shape_k q_k, with
-
-    m_k (q_k'' + 2 zeta_k omega_k q_k' + omega_k^2 q_k) = sum of shape_k force - m_k G_k a_base
-
-for each mode k of modal mass m_k and participation factor G_k.
-"""
+"""Structures by their natural modes. Chapters: modes from files; the structure of given modes; what
+bars, beams and plates share; bar; beam; plate."""
 
 from __future__ import annotations
 
@@ -185,7 +181,11 @@ def _motion(path: Path, mode: Foreign, place: str) -> float:
 
 
 # ------------------------------------------------------------------------------
-# Structures by their natural modes:
+# Structures by their natural modes: displacement at a point = sum of shape_k q_k, with
+#
+#     m_k (q_k'' + 2 zeta_k omega_k q_k' + omega_k^2 q_k) = sum of shape_k force - m_k G_k a_base
+#
+# for each mode k of modal mass m_k and participation factor G_k.
 # ------------------------------------------------------------------------------
 
 

@@ -1,8 +1,5 @@
-"""One mass on a spring and a damper.
-
-Its motion is m x'' + c x' + k x = force. With a damping force c(x') and a restoring force g(x) it
-is m x'' + c + g = force.
-"""
+"""Structures by mass, stiffness and damping. Chapters: what every structure answers; one mass;
+matrices from files; a linear structure by its matrices."""
 
 from __future__ import annotations
 
@@ -45,8 +42,8 @@ from stochvi.scenes.validation import Matrix as MatrixKey
 # What every structure answers: a scene and its model ask nothing else of it.
 #
 # A structure moves by coordinates q (n,). What acts on it or is measured on it is a linear
-# functional
-# of them, row . q: a coordinate itself, a named point, the difference of two, or a weighted sum.
+# functional of them, row . q: a coordinate itself, a named point, the difference of two, or a
+# weighted sum.
 # ------------------------------------------------------------------------------
 
 
@@ -227,6 +224,9 @@ class AnyStructure(Checked):
 
 # ------------------------------------------------------------------------------
 # One mass on a spring and a damper.
+#
+# Its motion is m x'' + c x' + k x = force. With a damping force c(x') and a restoring force g(x) it
+# is m x'' + c + g = force.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,5 @@
-"""Damage, extremes and shocks of equipment that a scene shakes, with its stops and without."""
+"""`damage`: equipment that a scene shakes, with its stops and without. Chapters: equipment on a
+replayed record; the spectra of damage, extremes and shocks."""
 
 from __future__ import annotations
 

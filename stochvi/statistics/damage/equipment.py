@@ -1,4 +1,5 @@
-"""Equipment on a vibrating place: oscillators of one quality Q over a band of frequencies."""
+"""Equipment on a vibrating place. Chapters: oscillators of one quality Q over a band; the answer of
+`damage`; response to a Gaussian acceleration; the largest response of a mission."""
 
 from __future__ import annotations
 
@@ -513,17 +514,15 @@ def _ends(value: Vector, standard_error: Vector) -> list[str]:
 #
 #     lambda_n = int (2 pi f)^n |H(f)|^2 G(f) df.
 #
-# The damage of a Gaussian stress is that of a narrow band times alpha_0.75^2 (D. Benasciutti and
-# R. Tovo, Probab. Eng. Mech. 21 (2006) 287). Dirlik's formula (T. Dirlik, Warwick 1985) is a second
+# The damage of a Gaussian stress is that of a narrow band times alpha_0.75^2 (D. Benasciutti and R.
+# Tovo, Probab. Eng. Mech. 21 (2006) 287). Dirlik's formula (T. Dirlik, Warwick 1985) is a second
 # opinion: the difference is a part of the bias. It errs by a third where equipment is much faster
-# than its mount: the stress then has two bands. Extremes
-# are those of clumps of crossings (E. H. Vanmarcke, J. Appl. Mech. 42 (1975) 215); their bias is
-# the
-# difference to independent crossings, or to clumps at the mean frequency of the motion.
+# than its mount: the stress then has two bands. Extremes are those of clumps of crossings (E. H.
+# Vanmarcke, J. Appl. Mech. 42 (1975) 215); their bias is the difference to independent crossings,
+# or to clumps at the mean frequency of the motion.
 #
 # Where the level A of the noise varies slowly the damage is that of Gaussian noise times E A^b, and
-# a
-# level is exceeded with the probability of `RandomLevel`. What equipment and mount feel less, as
+# a level is exceeded with the probability of `RandomLevel`. What equipment and mount feel less, as
 # they average the level over their memory, is a part of the bias.
 # ------------------------------------------------------------------------------
 
@@ -851,27 +850,22 @@ def dirlik(m: SpectralMoments, exponent: float) -> Vector:
 # Largest response of a mission, from the largest ones of many windows.
 #
 # Let F be the distribution of a window's largest response r. Beyond a threshold u the expected
-# number
-# of louder responses in a window is taken as
+# number of louder responses in a window is taken as
 #
 #     -ln F(r) = L (1 + xi (r^2 - u^2) / beta)^(-1 / xi).
 #
 # With xi = 0 that is the law of the crests of a Gaussian motion (Rice), and of responses that are
 # proportional to impact speeds with the distribution of Rayleigh. A motion about a sine has a
-# lighter
-# tail, -0.1 < xi < 0: its crests are Gaussian about the amplitude of the sine, not about 0. A
-# mixture
-# of levels or of calm and struck windows has a heavier one; that of an exponential law of r itself
-# is
-# about 0.15 where r^2 has grown to a few beta. So the shape xi is not assumed: before the sample is
-# seen it is normal about 0 with the deviation `SHAPE`. L, beta and xi are averaged over all values
-# that the sample leaves likely (Bayes). A quantile of the mission's largest response holds the
-# uncertainty of all three, and lies therefore beyond that of the best estimate.
+# lighter tail, -0.1 < xi < 0: its crests are Gaussian about the amplitude of the sine, not about 0.
+# A mixture of levels or of calm and struck windows has a heavier one; that of an exponential law of
+# r itself is about 0.15 where r^2 has grown to a few beta. So the shape xi is not assumed: before
+# the sample is seen it is normal about 0 with the deviation `SHAPE`. L, beta and xi are averaged
+# over all values that the sample leaves likely (Bayes). A quantile of the mission's largest
+# response holds the uncertainty of all three, and lies therefore beyond that of the best estimate.
 #
 # The threshold is the lowest one from which the scale beta no longer changes with the threshold by
 # more than its scatter (O. V. Lepski 1990; H. Drees and E. Kaufmann, Stoch. Process. Appl. 75
-# (1998)
-# 149).
+# (1998) 149).
 # ------------------------------------------------------------------------------
 
 

@@ -1,13 +1,5 @@
-"""A random test that does the fatigue damage of a mission in a duration of its own.
-
-A density whose rms is larger by the factor g does g^b times the damage per second, with the
-exponent b of fatigue. A test that takes T in place of the mission M thus has
-
-    g = (M / T)^(1 / b)
-
-times the rms (the relation of MIL-STD-810H, method 514.8, annex A). Its profile is an envelope
-with few breakpoints: straight in logarithms, and nowhere below the density of equal damage.
-"""
+"""Damage of missions. Chapters: the density of equal damage without stops; missions of several
+phases; a random test that does the damage in a duration of its own."""
 
 from __future__ import annotations
 
@@ -88,8 +80,7 @@ def equivalent_values(
 # Damage of a mission of several phases, from the damage of each phase.
 #
 # Miner's sum adds up over the phases, and mean squares are weighted with their durations. The
-# largest
-# response of the mission is the largest one of its phases, which are independent:
+# largest response of the mission is the largest one of its phases, which are independent:
 #
 #     P(largest < a) = product of exp(-exp(-(a - m_k) / s_k)),
 #
@@ -288,6 +279,14 @@ def _averaged(rates: Sequence[Estimate | None], times: Vector) -> Estimate | Non
 
 # ------------------------------------------------------------------------------
 # A random test that does the fatigue damage of a mission in a duration of its own.
+#
+# A density whose rms is larger by the factor g does g^b times the damage per second, with the
+# exponent b of fatigue. A test that takes T in place of the mission M thus has
+#
+#     g = (M / T)^(1 / b)
+#
+# times the rms (the relation of MIL-STD-810H, method 514.8, annex A). Its profile is an envelope
+# with few breakpoints: straight in logarithms, and nowhere below the density of equal damage.
 # ------------------------------------------------------------------------------
 
 

@@ -1,4 +1,6 @@
-"""Impacts in the answer of `damage`: counts, energies and shocks, by clusters or by records."""
+"""Damage of simulated motion. Chapters: records of acceleration, and equipment on them
+(`DamageSampler`); clusters of rare impacts beside the same motion without stops; counts, energies
+and shocks of impacts."""
 
 from __future__ import annotations
 
@@ -262,13 +264,11 @@ def contact_time(model: Model, speed: float) -> float:
 # ------------------------------------------------------------------------------
 # Damage where impacts are rare: clusters of impacts, each beside the same motion without stops.
 #
-# A first impact meets the motion that the place has without stops (`statistics.bursts`). Records of
-# its acceleration begin a memory of the equipment before the impact. From there the motion goes on
-# with the stops, and once more without. Let lambda be the rate of first impacts, and clusters be
-# far
-# apart. What the stops add to a sum over a cluster is then added lambda times a second to the sum
-# of
-# the Gaussian motion.
+# A first impact meets the motion that the place has without stops (`statistics.clusters`). Records
+# of its acceleration begin a memory of the equipment before the impact. From there the motion goes
+# on with the stops, and once more without. Let lambda be the rate of first impacts, and clusters be
+# far apart. What the stops add to a sum over a cluster is then added lambda times a second to the
+# sum of the Gaussian motion.
 # ------------------------------------------------------------------------------
 
 
@@ -285,7 +285,7 @@ class ClusterPart(NamedTuple):
     Parameters
     ----------
     ages
-        Ages of its crossings, see `cluster_paths.Part`.
+        Ages of its crossings, see `clusters.Part`.
     path, weight
         (clusters,): path of each cluster, and its weight, as in `Bursts`.
     damage, squares, below, peaks
@@ -589,7 +589,7 @@ def _mean_of(below: Vector, levels: Vector) -> float:
 
 
 # ------------------------------------------------------------------------------
-# Impacts in the answer of `damage`:
+# Impacts in the answer of `damage`: counts, energies and shocks, by clusters or by records.
 # ------------------------------------------------------------------------------
 
 

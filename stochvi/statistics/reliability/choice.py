@@ -1,4 +1,5 @@
-"""Crude simulation or splitting: a pilot chooses, a second stage answers."""
+"""Ways to the probability of a mission. Chapters: a pilot chooses crude simulation or splitting,
+and a second stage answers; first crossings and clusters; missions of the motion without stops."""
 
 from __future__ import annotations
 
@@ -467,7 +468,7 @@ def _variance(sample: Sample, hits: bool) -> float:
 
 
 def _bias(plan: MissionPlan, fine: float, coarse: float) -> float | None:
-    """Bias of the step, taken as that of a sum of impact speeds (`step_bias.extrapolated`)."""
+    """Bias of the step, taken as that of a sum of impact speeds (`plan.extrapolated`)."""
     return plan.base.step_bias("impact_speed_rate", abs(coarse - fine))
 
 

@@ -1,13 +1,4 @@
-"""The risk of a mission under noise of varying level, from the risks at steady levels.
-
-Conditioned on its level the noise is Gaussian. At some levels the risk is that of Gaussian noise,
-in the correlation time of the level, or in the mission where that is shorter. Its hazard
--ln(1 - P) over that of Rice's crossings changes slowly with the level: its logarithm is
-interpolated. `RandomLevel.probability` follows the hazard along the level as it varies.
-
-The motion is taken to follow the level at once. What it feels is less, as it averages the level
-over its memory (`RandomLevel.felt`): what this changes is stated as a bias.
-"""
+"""Risks of missions. Chapters: the answer; missions of several phases; noise of varying level."""
 
 from __future__ import annotations
 
@@ -236,8 +227,8 @@ class Reliability(Result):
 #
 # The interval is made of the hazards -ln(1 - P_k), whose sum it is: their half widths are added as
 # roots of sums of squares, each side for itself (G. Y. Zou and A. Donner, Construction of
-# confidence
-# limits about effect measures: a general approach, Statistics in Medicine 27, 2008, 1693).
+# confidence limits about effect measures: a general approach, Statistics in Medicine 27, 2008,
+# 1693).
 # ------------------------------------------------------------------------------
 
 
@@ -559,6 +550,14 @@ def _ends_of_sum(
 
 # ------------------------------------------------------------------------------
 # The risk of a mission under noise of varying level, from the risks at steady levels.
+#
+# Conditioned on its level the noise is Gaussian. At some levels the risk is that of Gaussian noise,
+# in the correlation time of the level, or in the mission where that is shorter. Its hazard -ln(1 -
+# P) over that of Rice's crossings changes slowly with the level: its logarithm is interpolated.
+# `RandomLevel.probability` follows the hazard along the level as it varies.
+#
+# The motion is taken to follow the level at once. What it feels is less, as it averages the level
+# over its memory (`RandomLevel.felt`): what this changes is stated as a bias.
 # ------------------------------------------------------------------------------
 
 

@@ -2,9 +2,9 @@
 acceleration, a passage.
 
 Three ways lead to a probability, and a pilot chooses between them. Crude simulation counts failed
-missions. Splitting (`monte_carlo.splitting`) copies the paths that come close, for probabilities
+missions. Splitting (`monte_carlo.missions`) copies the paths that come close, for probabilities
 too small to count. First crossings (`first_crossings`) need no mission at all where the motion
-before the first impact is stationary and Gaussian; `bursts` does the same for what follows a first
+before the first impact is stationary and Gaussian; `clusters` do the same for what follows a first
 impact, and `rare_hits` splits records of any Gaussian noise for fast and sharp impacts, however
 rare. What is chosen depends on the counts of the pilot alone, never on the clock nor on the seed of
 the answer. The answer is a second stage that shares no random number with the pilot; it is enlarged

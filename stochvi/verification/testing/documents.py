@@ -1,4 +1,5 @@
-"""Problems as files of plain numbers, for programs in any language, and back."""
+"""Problems for programs in any language. Chapters: files of plain numbers, and back; files that
+other programs wrote."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""`judge`: whether an integrator finds the known answers, and where it does not."""
+"""`judge`: whether an integrator finds the known answers. Chapters: comparison by stated errors;
+problems with a common mistake; likely causes from the balances; the verdict."""
 
 from __future__ import annotations
 
@@ -250,8 +251,7 @@ it."""
 #     virial   E v^2 = omega^2 E x^2 + (1 + R) D F1.
 #
 # Solved for a parameter they give the restitution, clearance, damping or intensity that an
-# integrator
-# in fact simulated.
+# integrator in fact simulated.
 # ------------------------------------------------------------------------------
 
 
@@ -687,7 +687,7 @@ def _clearance(measured: Sequence[Measured]) -> Iterator[str]:
 
 
 # ------------------------------------------------------------------------------
-# `judge`:
+# `judge`: whether an integrator finds the known answers, and where it does not.
 # ------------------------------------------------------------------------------
 
 

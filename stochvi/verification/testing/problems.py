@@ -1,4 +1,5 @@
-"""A scene as plain numbers, for integrators that know nothing of this package."""
+"""Problems for other integrators. Chapters: known answers of the zoo; a scene as plain numbers;
+numbers that an integrator returns; the true values."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Pages of a reliability, with the probabilities of a mission, and of a replay, with the motion
-under a record."""
+"""Reports of missions. Chapters: a clearance for all phases, or for a ratio of damage; reliability
+and replay."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""A report as one self-contained HTML page, from sections of facts, tables and pictures."""
+"""Pages of reports. Chapters: one self-contained HTML page, from sections of facts, tables and
+pictures; cards of measured records; sections on changed scenes, on inputs, and on several pairs."""
 
 from __future__ import annotations
 

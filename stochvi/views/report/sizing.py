@@ -1,5 +1,4 @@
-"""The report of a sizing of one mass or of several pairs: a page for a design review, with files of
-its tables and numbers."""
+"""The report of a sizing. Chapters: motion with stops; the page and its files."""
 
 from __future__ import annotations
 
@@ -401,7 +400,8 @@ def _half(standard_error: float) -> str:
 
 
 # ------------------------------------------------------------------------------
-# The report of a sizing of one mass or of several pairs:
+# The report of a sizing of one mass or of several pairs: a page for a design review, with files of
+# its tables and numbers.
 # ------------------------------------------------------------------------------
 
 

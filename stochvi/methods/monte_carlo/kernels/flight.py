@@ -1,22 +1,5 @@
-"""White noise and rigid stops by kick-flow-kick, for many paths at once.
-
-The oscillator x'' + b x' + w0^2 x = f + g is split in two parts that are both solved exactly:
-
-    kick   dv = -b v dt + sqrt(S0) dW        v <- e v + s z,  e = exp(-b h), z ~ N(0, 1)
-    flow   x'' + w0^2 x = g, with its stops  a rotation, and impacts v <- -R v
-
-One step is a kick over h and a flow over h. With elastic stops both parts preserve the density
-exp(-(v^2 + w0^2 x^2) / 2 theta), so the stationary distribution is exact for any h. Else the
-scheme is of second order. The flow draws no random numbers, so nothing about an impact has to be
-sampled.
-
-Symbols: x is measured from the rest position under the load g, u and l are the stops from there;
-(C, S) = (cos w0 h, sin w0 h / w0), so that a flow over h is x1 = C x + S v, v1 = C v - w0^2 S x,
-also for w0 = 0. An orbit of energy E2 = v^2 + w0^2 x^2 passes the stop u with the speed
-w = sqrt(E2 - w0^2 u^2). Sr, Cr belong to the time r between that passage and the end of the step:
-Sr = (x1 w - v1 u) / E2, Cr = (v1 w + w0^2 x1 u) / E2. A reset of the velocity at the stop changes
-the end by -(1 + R) w (Sr, Cr).
-"""
+"""One mass between rigid stops under white noise. Chapters: rows of the tables of sums; restitution
+that scatters; arguments of the kernels; the kernel, by kick-flow-kick."""
 
 from __future__ import annotations
 
@@ -146,18 +129,17 @@ class Extremes(NamedTuple):
 
 
 # ------------------------------------------------------------------------------
-# Rigid stops of one oscillator whose restitution scatters, beside `steps.RigidStop`.
+# Rigid stops of one oscillator whose restitution scatters, beside `RigidStop`.
 #
 # Kernels choose what a stop does by its class while they are compiled, so that a constant
-# restitution
-# costs what it did.
+# restitution costs what it did.
 # ------------------------------------------------------------------------------
 
 
 class ScatteredStop(NamedTuple):
     """A rigid stop whose restitution is drawn at each impact.
 
-    As `steps.RigidStop`; `restitution` is the mean, and `slow` infinite: every step with an impact
+    As `RigidStop`; `restitution` is the mean, and `slow` infinite: every step with an impact
     is followed impact by impact. `law` is that of the engine.
     """
 
@@ -169,7 +151,7 @@ class ScatteredStop(NamedTuple):
 
 @generic
 def restitution_of(stop, word, number):
-    """Restitution of the impact `number` of those that belong to a word (`uniform_numbers`)."""
+    """Restitution of the impact `number` of those that belong to a word (`engine.arithmetic`)."""
 
 
 @generic
@@ -206,8 +188,8 @@ def _(stop):
 # Arguments of the kernels of one oscillator, as named tuples; all quantities per unit mass.
 #
 # Numba compiles a named tuple as it does a plain one. Parts that may be absent are arguments of
-# their
-# own: numba leaves out the code of an argument that is `None`, but not that of an empty field.
+# their own: numba leaves out the code of an argument that is `None`, but not that of an empty
+# field.
 # ------------------------------------------------------------------------------
 
 
@@ -321,7 +303,7 @@ class Sampling(NamedTuple):
     span : s, the sampling interval.
     omega, damping_rate : w0 (rad/s) and b (1/s).
     threshold : m/s, speed of the slowest impact that is counted.
-    scale : m/s, the rms speed; slower rebounds than `limits.RESTING` times it rest on the stop.
+    scale : m/s, the rms speed; slower rebounds than `arithmetic.RESTING` times it rest on the stop.
     first, last : number of the first sample, and of the one after the last. Samples with negative
         numbers stand at the end of the period, and are not counted.
     """
@@ -337,6 +319,23 @@ class Sampling(NamedTuple):
 
 # ------------------------------------------------------------------------------
 # White noise and rigid stops by kick-flow-kick, for many paths at once.
+#
+# The oscillator x'' + b x' + w0^2 x = f + g is split in two parts that are both solved exactly:
+#
+#     kick   dv = -b v dt + sqrt(S0) dW        v <- e v + s z,  e = exp(-b h), z ~ N(0, 1)
+#     flow   x'' + w0^2 x = g, with its stops  a rotation, and impacts v <- -R v
+#
+# One step is a kick over h and a flow over h. With elastic stops both parts preserve the density
+# exp(-(v^2 + w0^2 x^2) / 2 theta), so the stationary distribution is exact for any h. Else the
+# scheme is of second order. The flow draws no random numbers, so nothing about an impact has to be
+# sampled.
+#
+# Symbols: x is measured from the rest position under the load g, u and l are the stops from there;
+# (C, S) = (cos w0 h, sin w0 h / w0), so that a flow over h is x1 = C x + S v, v1 = C v - w0^2 S x,
+# also for w0 = 0. An orbit of energy E2 = v^2 + w0^2 x^2 passes the stop u with the speed w =
+# sqrt(E2 - w0^2 u^2). Sr, Cr belong to the time r between that passage and the end of the step: Sr
+# = (x1 w - v1 u) / E2, Cr = (v1 w + w0^2 x1 u) / E2. A reset of the velocity at the stop changes
+# the end by -(1 + R) w (Sr, Cr).
 # ------------------------------------------------------------------------------
 
 
@@ -715,18 +714,18 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
 
     Parameters
     ----------
-    paths : `steps.Paths`, with sums (SUMS, paths); in the first column of `kept` stands the half
+    paths : `Paths`, with sums (SUMS, paths); in the first column of `kept` stands the half
         kick that is owed, s, half a step before the first one; in the second, where a restitution
         scatters, the number of impacts since a pair of normals was drawn.
-    kick, flow : `steps.Kick` and `steps.Flow`.
-    lower, upper : None, a `steps.RigidStop`, or a `rigid_stops.ScatteredStop`.
+    kick, flow : `Kick` and `Flow`.
+    lower, upper : None, a `RigidStop`, or a `ScatteredStop`.
     between : None, or () where the stops lie on either side of the rest position, and no
         restitution scatters.
-    corner : None, or a `steps.Corner` to refine steps near a stop.
-    counting : `steps.Counting`.
+    corner : None, or a `Corner` to refine steps near a stop.
+    counting : `Counting`.
     record : zeros (steps, paths, 3), which get x, v and the impact speed of every counted step.
         Without samples there is no record.
-    log : `impact_log.Log`, which gets the impacts in the counted steps that are at least as fast as
+    log : `arithmetic.Log`, which gets the impacts in the counted steps that are at least as fast as
         the threshold.
     flag : (1,), looked at before every step: where it is not 0, the paths are given up, without a
         result.

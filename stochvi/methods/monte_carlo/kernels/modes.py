@@ -1,29 +1,5 @@
-"""Any linear structure with stops, for many paths at once, in modal coordinates.
-
-State of a path: modal displacements q and velocities p (modal masses 1), then the states of the
-signals that drive the structure. One step is
-
-    kick   p <- E p + L z                 damping and white noise, exact for the velocities
-    flow   s' = A s + noise of signals    exact between impacts: s1 = F s0 + G z
-    impact v_y <- -R v_y                  within the flow; y = phi . q is the gap of a pair
-
-Without white noise the damping is part of A, and there is no kick. Kick and flow are one matrix
-pass, row by row over the lanes of a block. Impacts are searched (`engine`) in the lanes where the
-hull of the cubic through the end values of a gap reaches a stop. Two parts are absent from the
-compiled code unless the scene has them:
-
-    tables     total motion = state + Y, Y(t) the response to the tables without stops, smooth
-               and given by its samples; the state holds the response to impacts, kicks and signals
-    contacts   compliant stops
-    parts      springs and dampers that are functions. They kick the velocities for half a step
-               before the kick of noise, and for half a step after it; the flow then has a pass of
-               its own, from where all kicks have led
-
-Between two samples Y is the cubic through values and slopes. Kicks do not change Y.
-
-Symbols: y0, v0, a0 and y1, v1, a1 are value, slope and curvature of the gaps at the ends of a step;
-s0, r0, s1, r1 the contributions of Y to values and slopes; z are standard normals.
-"""
+"""Any linear structure with stops, in modal coordinates. Chapters: products of a sparse matrix and
+many states; the kernel."""
 
 import math
 from typing import NamedTuple
@@ -59,8 +35,7 @@ from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
 # Products of a sparse matrix and the states of many paths, one loop over the paths a row.
 #
 # A matrix is a table (starts, columns, weights) of its nonzero elements, row after row. A row is
-# put
-# where it is called: as a call of its own it took a seventh of a step.
+# put where it is called: as a call of its own it took a seventh of a step.
 # ------------------------------------------------------------------------------
 
 
@@ -155,6 +130,31 @@ def set_two_and_two(out, row, x, columns, weights, y, others, factors, width):
 
 # ------------------------------------------------------------------------------
 # Any linear structure with stops, for many paths at once, in modal coordinates.
+#
+# State of a path: modal displacements q and velocities p (modal masses 1), then the states of the
+# signals that drive the structure. One step is
+#
+#     kick   p <- E p + L z                 damping and white noise, exact for the velocities
+#     flow   s' = A s + noise of signals    exact between impacts: s1 = F s0 + G z
+#     impact v_y <- -R v_y                  within the flow; y = phi . q is the gap of a pair
+#
+# Without white noise the damping is part of A, and there is no kick. Kick and flow are one matrix
+# pass, row by row over the lanes of a block. Impacts are searched (`engine`) in the lanes where the
+# hull of the cubic through the end values of a gap reaches a stop. Two parts are absent from the
+# compiled code unless the scene has them:
+#
+#     tables     total motion = state + Y, Y(t) the response to the tables without stops, smooth
+#                and given by its samples; the state holds the response to impacts, kicks and
+#                signals
+#     contacts   compliant stops
+#     parts      springs and dampers that are functions. They kick the velocities for half a step
+#                before the kick of noise, and for half a step after it; the flow then has a pass of
+#                its own, from where all kicks have led
+#
+# Between two samples Y is the cubic through values and slopes. Kicks do not change Y.
+#
+# Symbols: y0, v0, a0 and y1, v1, a1 are value, slope and curvature of the gaps at the ends of a
+# step; s0, r0, s1, r1 the contributions of Y to values and slopes; z are standard normals.
 # ------------------------------------------------------------------------------
 
 
@@ -292,7 +292,7 @@ class Steps(NamedTuple):
     Parameters
     ----------
     first, last : number of the first step, and of the one after the last. Steps with negative
-        numbers are a burn-in, which is not counted. As for `steps.Counting`, each of several calls
+        numbers are a burn-in, which is not counted. As for `flight.Counting`, each of several calls
         but the last must take an even number of steps.
     stride : number of steps from one sample of the moments to the next; samples precede the kick.
     """

@@ -1,21 +1,5 @@
-"""Stops under tabulated noise: impacts are added to a given response without stops.
-
-Between impacts the structure is linear, so x = y + e with y the stationary response without
-stops, synthesised from its own spectrum, and e a free decay that every impact changes:
-
-    e(t + h) = A(h) e(t),    impact at u with speed w:  e' <- e' - (1 + R) w
-
-Only y and y' at the samples enter. Within a sampling interval x is the cubic through the end
-values and slopes (error of fourth order); an impact takes the first upward root of x - u, and
-changes the end of the interval by -(1 + R) w times the second column of A(remaining time). Where a
-stop is compliant, the engine finishes the interval instead (`one_mass`).
-
-All paths move together from sample to sample: a loop without branches advances those that stay
-clear of the stops, which most do, and marks the others, which are then advanced one by one. To that
-end a row holds one sample (or one bin) of all paths, (y, y' / w0) or (real, imaginary) in turn.
-
-Symbols: x0, v0, x1, v1 values and slopes at the ends; s in [0, 1] the place in the interval.
-"""
+"""One mass with compliant stops or under tabulated noise. Chapters: compliant stops under white
+noise; missions until their event; stops under tabulated noise."""
 
 import math
 
@@ -114,13 +98,13 @@ def run_contacts(paths, kick, flow, at, counting, record, log, flag):
 
     Parameters
     ----------
-    paths : `steps.Paths`, with sums (CONTACT_SUMS, paths); `kept` holds the largest forces so far
+    paths : `flight.Paths`, with sums (CONTACT_SUMS, paths); `kept` holds the largest forces so far
         of contacts that last, of the lower and the upper stop.
-    kick, flow, counting : `steps.Kick`, `steps.Flow` and `steps.Counting`.
+    kick, flow, counting : `flight.Kick`, `flight.Flow` and `flight.Counting`.
     at : `one_mass.MassStops`.
     record : zeros (steps, paths, 3), which get x, v and the sum of the speeds of first touches of
         every counted step, negative at the lower stop. Without samples there is no record.
-    log : None, or an `impact_log.Log`, which gets the first touches in the counted steps that are
+    log : None, or an `arithmetic.Log`, which gets the first touches in the counted steps that are
         at least as fast as the threshold.
     flag : (1,), looked at before every step: where it is not 0, the paths are given up, without a
         result.
@@ -197,10 +181,10 @@ def run_contacts(paths, kick, flow, at, counting, record, log, flag):
 # ------------------------------------------------------------------------------
 # Missions under white noise by kick-flow-kick, each simulated until its event.
 #
-# The step is that of `compliant`: a kick by noise and damping, then the undamped motion with the
-# stops in it. A mission ends with its event, with its time, or where its energy first reaches a
-# splitting level. Splitting goes on from there with copies. Paths that move together fill lanes.
-# A lane whose path has ended takes the next one, so that no lane waits for the longest path.
+# The step is that of compliant stops above: a kick by noise and damping, then the undamped motion
+# with the stops in it. A mission ends with its event, with its time, or where its energy first
+# reaches a splitting level. Splitting goes on from there with copies. Paths that move together fill
+# lanes. A lane whose path has ended takes the next one, so that no lane waits for the longest path.
 #
 # Symbols: x is measured from the rest position under the load; E2 = v^2 + w0^2 x^2 is twice the
 # energy per unit mass, without that stored in a stop.
@@ -266,7 +250,7 @@ def run_missions(
         how : (paths,) replaced by OVER, AT_LEVEL or HAPPENED, except for paths without steps left;
         hits : (paths,) replaced by the impacts at `threshold` and faster in the counted steps;
         streams : (2, paths) random streams, advanced.
-    kick, flow : `steps.Kick` and `steps.Flow`.
+    kick, flow : `flight.Kick` and `flight.Flow`.
     at : `one_mass.MassStops`; for the event PASSAGE the stops are the barriers.
     event, limit : the event that ends a mission, and its limits at the lower and the upper stop: a
         force per unit mass, m/s^2; of the limits of a speed, m/s, the first holds for both stops.
@@ -373,7 +357,24 @@ def run_missions(
 
 
 # ------------------------------------------------------------------------------
-# Stops under tabulated noise:
+# Stops under tabulated noise: impacts are added to a given response without stops.
+#
+# Between impacts the structure is linear, so x = y + e with y the stationary response without
+# stops, synthesised from its own spectrum, and e a free decay that every impact changes:
+#
+#     e(t + h) = A(h) e(t),    impact at u with speed w:  e' <- e' - (1 + R) w
+#
+# Only y and y' at the samples enter. Within a sampling interval x is the cubic through the end
+# values and slopes (error of fourth order); an impact takes the first upward root of x - u, and
+# changes the end of the interval by -(1 + R) w times the second column of A(remaining time). Where
+# a stop is compliant, the engine finishes the interval instead (`one_mass`).
+#
+# All paths move together from sample to sample: a loop without branches advances those that stay
+# clear of the stops, which most do, and marks the others, which are then advanced one by one. To
+# that end a row holds one sample (or one bin) of all paths, (y, y' / w0) or (real, imaginary) in
+# turn.
+#
+# Symbols: x0, v0, x1, v1 values and slopes at the ends; s in [0, 1] the place in the interval.
 # ------------------------------------------------------------------------------
 
 
@@ -539,8 +540,8 @@ def run_response(
     Parameters
     ----------
     free : (samples, 2 paths), y and y' / w0 of each path in turn, at equal intervals.
-    sampling : `steps.Sampling`.
-    lower, upper : None, or a `steps.RigidStop`, of which only the position counts where `at` is
+    sampling : `flight.Sampling`.
+    lower, upper : None, or a `flight.RigidStop`, of which only the position counts where `at` is
         given. Positions are those from the mean position.
     at : None, or `one_mass.MassStops` where a stop is compliant.
     state : (4, paths), replaced: what impacts have changed of position and velocity before the
@@ -550,7 +551,7 @@ def run_response(
     sums : (SUMS, paths), with `at` (CONTACT_SUMS, paths), added to.
     record : (counted, paths, 3). Without samples there is no record.
     extremes : (paths, EXTREMES) as in `rows`, of the counted samples. Without paths there are none.
-    log : `impact_log.Log`, which gets the impacts in the intervals that end on counted samples and
+    log : `arithmetic.Log`, which gets the impacts in the intervals that end on counted samples and
         that are at least as fast as the threshold.
     flag : (1,), looked at before every sample: where it is not 0, the paths are given up, without a
         result.

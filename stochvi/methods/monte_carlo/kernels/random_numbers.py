@@ -1,14 +1,5 @@
-"""Random numbers for many paths at once: one xoroshiro128++ stream per path, normals in pairs.
-
-The stream belongs to the path: its state is expanded from (seed, path) by SplitMix64, so that
-results depend neither on threads nor on how paths are gathered into blocks. Loops run over the
-paths of a block, hold no branches, and vectorise.
-
-Generator: D. Blackman and S. Vigna, ACM Trans. Math. Softw. 47 (2021) 36; two words of state, so
-that a loop over paths has few arrays to prove distinct, which the vectoriser needs. Normals:
-G. E. P. Box and M. E. Muller, Ann. Math. Statist. 29 (1958) 610, with both uniforms of 52 bits,
-so that the largest normal is sqrt(2 * 52 ln 2) = 8.49.
-"""
+"""Random numbers for many paths at once. Chapters: rows of numbers that own nothing; streams and
+normals."""
 
 import math
 from functools import partial
@@ -25,9 +16,9 @@ from stochvi.engine.compiling import kernel
 # Views of rows of numbers of many paths (lanes) that own nothing.
 #
 # An array that a kernel makes of a part of another one counts its owners: each time that it is
-# named
-# or chosen an atomic number is changed. In a step of few paths that takes longer than the step. A
-# view from `row_of` has no owner, so that there is nothing to count; what it shows must outlive it.
+# named or chosen an atomic number is changed. In a step of few paths that takes longer than the
+# step. A view from `row_of` has no owner, so that there is nothing to count; what it shows must
+# outlive it.
 #
 # Rows of one memory, in functions that are put where they are called (`inline="always"`), lie at
 # distances that the compiler knows: loops over the lanes then need no test of whether rows overlap,
@@ -154,7 +145,16 @@ row_of.made_of = {object: (type_of_row, write_row)}
 
 
 # ------------------------------------------------------------------------------
-# Random numbers for many paths at once:
+# Random numbers for many paths at once: one xoroshiro128++ stream per path, normals in pairs.
+#
+# The stream belongs to the path: its state is expanded from (seed, path) by SplitMix64, so that
+# results depend neither on threads nor on how paths are gathered into blocks. Loops run over the
+# paths of a block, hold no branches, and vectorise.
+#
+# Generator: D. Blackman and S. Vigna, ACM Trans. Math. Softw. 47 (2021) 36; two words of state, so
+# that a loop over paths has few arrays to prove distinct, which the vectoriser needs. Normals: G.
+# E. P. Box and M. E. Muller, Ann. Math. Statist. 29 (1958) 610, with both uniforms of 52 bits, so
+# that the largest normal is sqrt(2 * 52 ln 2) = 8.49.
 # ------------------------------------------------------------------------------
 
 

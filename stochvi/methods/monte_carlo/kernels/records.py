@@ -1,18 +1,5 @@
-"""Oscillators that stand on sampled accelerations: their peaks, rainflow cycles and mean squares.
-
-An oscillator of the frequency w (rad/s) and the quality Q on a base with the acceleration a:
-
-    z'' + (w / Q) z' + w^2 z = -a          y = a + z'' = -(w / Q) z' - w^2 z
-
-z is its relative displacement, y its absolute acceleration, w z its pseudo-velocity. Over a step
-it follows, exactly, the polynomial through the NODES samples of a around the step. A sudden change
-of the velocity of the base by J changes z' by -J. Turning points of z and peaks of y between
-samples are those of the cubic through values and slopes.
-
-Oscillators go in groups of LANES. Symbols: `motion` holds z, z' and y at samples (samples + 1, 3,
-LANES). `passes` (20, LANES) holds the rows Phi11, Phi12, Phi21, Phi22 of the free motion over a
-step. The weights of the samples in z follow, those in z', and the rows DRAG to SCALE.
-"""
+"""Kernels that read records. Chapters: time since the last exceedance before an outcrossing;
+oscillators that stand on sampled accelerations, with peaks, rainflow cycles and mean squares."""
 
 import math
 from typing import NamedTuple
@@ -33,16 +20,13 @@ from stochvi.engine.compiling import kernel
 #     rho_j = E[y_j(t) y_c(0)] / E y_c^2,    eta_j = E[y_j(t) y_c'(0)] / E y_c'^2
 #
 # The residual z does not depend on u and p: it is any record x of the process less its regression
-# on
-# x_c(0) and x_c'(0), z_j(t) = x_j(t) - x_c(0) rho_j(t) - x_c'(0) eta_j(t). Between the samples a
-# gap
-# is the cubic through values and slopes. A crossing of a lower stop is that of an upper one by the
-# process with the opposite sign, which has the same law: its stops change sides.
+# on x_c(0) and x_c'(0), z_j(t) = x_j(t) - x_c(0) rho_j(t) - x_c'(0) eta_j(t). Between the samples a
+# gap is the cubic through values and slopes. A crossing of a lower stop is that of an upper one by
+# the process with the opposite sign, which has the same law: its stops change sides.
 #
 # Beside sines or shocks a gap is y_j + m_j, where m_j is the sum of these. The noise alone then
 # crosses the level u - m_c with the slope p - m_c'. Both are those at the phases of the sines, or
-# at
-# the ages and sizes of the shocks (`mathematics.moving_means`).
+# at the ages and sizes of the shocks (`mathematics.unsteady_noise`).
 #
 # Symbols: shape holds rho, rho', eta, eta' at 0, -span, -2 span, ...
 # ------------------------------------------------------------------------------
@@ -273,7 +257,20 @@ def motions_around(
 
 
 # ------------------------------------------------------------------------------
-# Oscillators that stand on sampled accelerations:
+# Oscillators that stand on sampled accelerations: their peaks, rainflow cycles and mean squares.
+#
+# An oscillator of the frequency w (rad/s) and the quality Q on a base with the acceleration a:
+#
+#     z'' + (w / Q) z' + w^2 z = -a          y = a + z'' = -(w / Q) z' - w^2 z
+#
+# z is its relative displacement, y its absolute acceleration, w z its pseudo-velocity. Over a step
+# it follows, exactly, the polynomial through the NODES samples of a around the step. A sudden
+# change of the velocity of the base by J changes z' by -J. Turning points of z and peaks of y
+# between samples are those of the cubic through values and slopes.
+#
+# Oscillators go in groups of LANES. Symbols: `motion` holds z, z' and y at samples (samples + 1, 3,
+# LANES). `passes` (20, LANES) holds the rows Phi11, Phi12, Phi21, Phi22 of the free motion over a
+# step. The weights of the samples in z follow, those in z', and the rows DRAG to SCALE.
 # ------------------------------------------------------------------------------
 
 

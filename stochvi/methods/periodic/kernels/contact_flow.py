@@ -1,15 +1,5 @@
-"""Flow of a structure with compliant stops: linear between the events of each contact.
-
-The force of a stop is made of straight pieces over the depth d = row . q - position > 0: in piece
-p it is f_p + k_p (d - b_p), and q'' changes by minus that times the row. It passes from piece to
-piece at b_p, and contact ends at d = 0. A stop with a damper has one piece, k d + c d' where that
-is positive: contact ends at zero force, before d is 0 again, and the stop follows without a force.
-Entering it the force jumps from 0 to c d'; everywhere else it is continuous, and so are
-perturbations. Stops of Hertz's law are in `hertz_flow`; rigid ones may stand beside, as in
-`solver`.
-
-Symbols as in `solver`.
-"""
+"""Flow of a structure with compliant stops. Chapters: Hertz's law by power series; stops of
+straight pieces or with a damper."""
 
 import math
 from typing import NamedTuple
@@ -55,7 +45,7 @@ from stochvi.methods.periodic.kernels.solver import (
 # sixth derivative. Where several such stops press, the pace dt/dtau is the product of their roots
 # e.
 #
-# Symbols as in `contact_flow`; k is the order of a coefficient.
+# Symbols as below; k is the order of a coefficient.
 # ------------------------------------------------------------------------------
 
 
@@ -243,7 +233,16 @@ def added_acceleration(now, hertz, contacts, z, pull):
 
 
 # ------------------------------------------------------------------------------
-# Flow of a structure with compliant stops:
+# Flow of a structure with compliant stops: linear between the events of each contact.
+#
+# The force of a stop is made of straight pieces over the depth d = row . q - position > 0: in piece
+# p it is f_p + k_p (d - b_p), and q'' changes by minus that times the row. It passes from piece to
+# piece at b_p, and contact ends at d = 0. A stop with a damper has one piece, k d + c d' where that
+# is positive: contact ends at zero force, before d is 0 again, and the stop follows without a
+# force. Entering it the force jumps from 0 to c d'; everywhere else it is continuous, and so are
+# perturbations. Stops of Hertz's law are above; rigid ones may stand beside, as in `solver`.
+#
+# Symbols as in `solver`.
 # ------------------------------------------------------------------------------
 
 
