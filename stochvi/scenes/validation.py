@@ -9,7 +9,20 @@ import difflib
 import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
+from types import NoneType, UnionType
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Generic,
+    Literal,
+    Self,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+)
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,7 +182,63 @@ def check_values(
     return values
 
 
-class Checked(BaseModel):
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)
+
+
+class _Keyed(ModelMetaclass):
+    """The class of classes of parts, whose signature is their keys as keywords, those that they
+    need first. Pydantic's own tells every validator: that of `ImpactPair` has 8,705 letters."""
+
+    @property
+    def __signature__(cls: type[BaseModel]) -> inspect.Signature:  # type: ignore[misc]
+        keys = [
+            inspect.Parameter(
+                name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=inspect.Parameter.empty if field.is_required() else field.default,
+                annotation=_Spelt(_spelling(field.annotation)),
+            )
+            for name, field in cls.model_fields.items()
+            if name != "kind"
+        ]
+        return inspect.Signature(sorted(keys, key=lambda key: key.default is not key.empty))
+
+    @__signature__.setter
+    def __signature__(cls, signature: object) -> None:
+        """Pydantic sets its own when it builds a class."""
+
+
+class _Spelt(str):
+    """The words of an annotation, which `help` shows as they are."""
+
+    __repr__ = str.__str__
+
+
+def _spelling(annotation: Any) -> str:
+    """An annotation without what checks its values, in names of classes."""
+    kind, inner = get_origin(annotation), get_args(annotation)
+    if kind is Annotated:
+        return _spelling(inner[0])
+    if kind is Literal:
+        return " | ".join(map(repr, inner))
+    if kind in (Union, UnionType):
+        return " | ".join(dict.fromkeys(map(_spelling, inner)))
+    if kind is tuple and inner[-1] is Ellipsis:
+        return f"tuple[{_spelling(inner[0])}, ...]"
+    if annotation is NoneType:
+        return "None"
+    name = getattr(kind or annotation, "__name__", str(annotation))
+    return f"{name}[{', '.join(map(_spelling, inner))}]" if inner and kind in GENERIC else name
+
+
+GENERIC = (tuple, list, dict)
+"""Classes whose values an annotation tells."""
+
+
+class Checked(BaseModel, metaclass=_Keyed):
     """Base of every part of a scene: immutable, unknown keys refused, no silent conversion."""
 
     model_config = ConfigDict(
@@ -217,6 +286,18 @@ class Checked(BaseModel):
         except ArithmeticError as error:
             raise SceneError(beyond_arithmetic(error, data)) from None
 
+    def __repr_args__(self) -> Iterator[tuple[str, Any]]:
+        """The keys that were given: what a user writes to make the part."""
+        for name, field in type(self).model_fields.items():
+            value = getattr(self, name)
+            if value is not None and (field.is_required() or value != field.default):
+                yield name, value
+
+    def __dir__(self) -> list[str]:
+        """The names of the part, without those that pydantic gives to all its models."""
+        ours = {name for each in type(self).__mro__ if each not in FOREIGN for name in vars(each)}
+        return sorted(name for name in {*ours, *type(self).model_fields} if name[0] != "_")
+
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """A copy with other values, which are not checked; `replace` checks them.
 
@@ -258,6 +339,10 @@ class Checked(BaseModel):
             if (value := getattr(self, name)) is not None and field.alias not in changes
         }
         return type(self)(**(kept | changes))
+
+
+FOREIGN = (*BaseModel.__mro__, Generic)
+"""Classes whose names are not those of a part."""
 
 
 class OneOf:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import copy
+import inspect
 import math
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -39,9 +40,10 @@ def test_a_scene_file_says_what_the_same_scene_says_in_python(tmp_path: Path):
     assert loaded == oscillator(-1.0, 1.0).model_copy(update={"title": "a valid scene"})
 
 
-@pytest.mark.parametrize(
-    "path", sorted((data_folder() / "scenes").glob("*.toml")), ids=lambda path: path.stem
-)
+SHIPPED = sorted((data_folder() / "scenes").glob("*.toml"))
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_a_shipped_scene_is_its_own_document(path: Path):
     scene = load_scene(path)
     again = scene_from(scene.document())
@@ -50,15 +52,40 @@ def test_a_shipped_scene_is_its_own_document(path: Path):
     assert again != scene.model_copy(update={"title": "another"})
 
 
-@pytest.mark.parametrize(
-    "path", sorted((data_folder() / "scenes").glob("*.toml")), ids=lambda path: path.stem
-)
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_a_part_with_nothing_replaced_is_the_same_part(path: Path):
     scene = load_scene(path)
     assert scene.replace() == scene
     assert scene.structure.replace() == scene.structure
     for pair in scene.impact_pairs:
         assert pair.replace() == pair
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_a_scene_reads_as_the_python_that_makes_it(path: Path) -> None:
+    scene = load_scene(path)
+    classes = {each.__name__: each for each in parts_of(Checked)}
+    assert eval(repr(scene), classes) == scene
+    assert "None" not in repr(scene)
+
+
+def parts_of(kind: type[Checked]) -> Iterator[type[Checked]]:
+    for each in kind.__subclasses__():
+        yield from (each, *parts_of(each))
+
+
+@pytest.mark.parametrize("kind", set(parts_of(Checked)), ids=lambda kind: kind.__name__)
+def test_the_signature_of_a_part_is_its_keys_on_ten_lines(kind: type[Checked]) -> None:
+    signature = inspect.signature(kind)
+    assert set(signature.parameters) == set(kind.model_fields) - {"kind"}
+    assert len(str(signature)) < 10 * 80
+    assert "Annotated" not in str(signature) and "Validator" not in str(signature)
+
+
+def test_a_part_lists_names_of_its_own_alone() -> None:
+    listed = dir(Isolator(frequency_hz=12.0, zeta=0.1))
+    assert {"frequency_hz", "replace", "omega"} <= set(listed)
+    assert not {"model_dump", "dict", "json", "construct", "model_fields"} & set(listed)
 
 
 def test_what_is_replaced_is_checked():
