@@ -74,6 +74,12 @@ def test_what_is_named_is_in_its_file(file: str, name: str) -> None:
     assert any(name in names_in(ast.parse(path.read_text("utf-8")).body) for path in files)
 
 
+def test_the_table_of_places_is_short() -> None:
+    """Who looks for something reads it as a whole."""
+    table = TEXT.partition("## Where things are")[2].partition("\n\n##")[0]
+    assert 20 < len(re.findall(r"^\| (?!looked for)", table, re.MULTILINE)) <= 25
+
+
 # ------------------------------------------------------------------------------
 # What docstrings and comments of the package name exists: files, modules, and what is in them.
 # ------------------------------------------------------------------------------

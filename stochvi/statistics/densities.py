@@ -1,9 +1,5 @@
-"""Densities of displacements by Monte Carlo, with 95 % bands, where someone asks for them.
-
-Every path gives the share of its time in each bin, and paths are independent. The density of a bin
-is the mean of these shares over the width of the bin, and its standard error follows from their
-scatter.
-"""
+"""Densities by Monte Carlo. Chapters: histograms; an overview of one oscillator, with a short
+record of impacts; densities of displacements with 95 % bands."""
 
 from __future__ import annotations
 
@@ -217,6 +213,10 @@ def _stretch_with_impacts(scene: Scene, period: float, settings: OverviewSetting
 
 # ------------------------------------------------------------------------------
 # Densities of displacements by Monte Carlo, with 95 % bands, where someone asks for them.
+#
+# Every path gives the share of its time in each bin, and paths are independent. The density of a
+# bin is the mean of these shares over the width of the bin, and its standard error follows from
+# their scatter.
 # ------------------------------------------------------------------------------
 
 
