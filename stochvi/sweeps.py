@@ -970,9 +970,4 @@ def _mean_over_points(rows: pd.DataFrame, quantity: str, bases: Sequence[Matrix]
     }
 
 
-# ------------------------------------------------------------------------------
-# A scene answered again and again: over ranges of its keys, and over units that differ.
-# ------------------------------------------------------------------------------
-
-
 __all__ = ["Job", "mean_over_records", "mean_over_units", "once", "sweep", "values_of"]

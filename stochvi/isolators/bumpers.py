@@ -766,9 +766,4 @@ def _check(scene: Scene, mission: float, exceedance: float) -> None:
     check_laws(scene, hardest)
 
 
-# ------------------------------------------------------------------------------
-# The bumper map: what impacts do to a mass, over the clearance and the stiffness of its stops.
-# ------------------------------------------------------------------------------
-
-
 __all__ = ["BumperMap", "bumper_map"]

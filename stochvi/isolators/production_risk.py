@@ -1,6 +1,6 @@
 """The risk of a production, whose units differ within their tolerances. Chapters: the answer; the
-scene about which units vary; units by linear theory; units drawn where the risk is; units
-simulated; the clearance that keeps the risk."""
+scene about which units vary; units by linear theory; units drawn where the risk is; the risk of
+any impact, and the clearance that keeps it."""
 
 from __future__ import annotations
 
@@ -1267,11 +1267,6 @@ def _deviation(values: Sequence[float]) -> float:
 def _relative(values: Sequence[float]) -> float:
     """Relative standard error of the mean of independent values."""
     return _deviation(values) / float(np.mean(values))
-
-
-# ------------------------------------------------------------------------------
-# The risk of a production, whose units differ within their tolerances.
-# ------------------------------------------------------------------------------
 
 
 __all__ = ["Production", "Spread", "production"]

@@ -1,6 +1,6 @@
 """Exact stationary solutions of the Fokker-Planck equation, where a closed form exists. Chapters:
 one oscillator; impact pairs that springs couple; several coordinates; `exact`; the joint density;
-autocorrelations; conditions and names."""
+autocorrelations."""
 
 from __future__ import annotations
 
@@ -1283,11 +1283,6 @@ def _box(half_width: float, theta: float, b: float, time: Vector) -> Vector:
         # the terms left out lie between 0 and this; their middle has half the error
         rest = zeta(4.0, MOST_TERMS + 0.5) / 16.0 * np.exp(-((k[-1] + 2.0) ** 2) * decay)
     return np.asarray(32.0 * half_width**2 / math.pi**4 * (terms + rest / 2.0))
-
-
-# ------------------------------------------------------------------------------
-# Exact stationary solutions of the Fokker-Planck equation, where they exist in closed form.
-# ------------------------------------------------------------------------------
 
 
 __all__ = [

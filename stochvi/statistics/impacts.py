@@ -1236,9 +1236,4 @@ def _warnings(plan: ImpactPlan, model: Model) -> list[str]:
     return found
 
 
-# ------------------------------------------------------------------------------
-# Statistics of impacts one by one: rates, intervals, speeds, energy, clusters.
-# ------------------------------------------------------------------------------
-
-
 __all__ = ["Exponent", "Histogram", "ImpactStatistics", "PairStatistics", "Rate", "impacts"]

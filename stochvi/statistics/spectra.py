@@ -770,9 +770,4 @@ def _curves(
     return curves, meanings
 
 
-# ------------------------------------------------------------------------------
-# Power spectral densities of the response by Monte Carlo, with bands and biases.
-# ------------------------------------------------------------------------------
-
-
 __all__ = ["Curve", "ResponseSpectrum", "spectrum"]

@@ -1,5 +1,5 @@
-"""Impact laws: what happens when the mass meets a stop. A law is a class in
-`compliant.py`, `rigid.py` or another file of this package; `Law` finds it there."""
+"""Impact laws: what happens when the mass meets a stop. A law is a class in `compliant.py`,
+`rigid.py` or another file of this package; `Law` finds it there."""
 
 from __future__ import annotations
 
