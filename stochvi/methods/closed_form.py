@@ -1,6 +1,8 @@
-"""Exact stationary solutions of the Fokker-Planck equation, where a closed form exists. Chapters:
-one oscillator; impact pairs that springs couple; several coordinates; `exact`; the joint density;
-autocorrelations."""
+"""Exact stationary solutions of the Fokker-Planck equation, where a closed form exists.
+
+Chapters: one oscillator; impact pairs that springs couple; several coordinates; `exact`; the joint
+density; autocorrelations.
+"""
 
 from __future__ import annotations
 
