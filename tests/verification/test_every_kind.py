@@ -62,7 +62,7 @@ from stochvi.scenes.structures import (
     Structure,
 )
 from stochvi.scenes.structures.rigid_body import Mount, RigidBody
-from stochvi.scenes.validation import PYTHON_ONLY, Checked
+from stochvi.scenes.validation import PYTHON_ONLY, Checked, OneOf
 from stochvi.testing import assert_agrees
 from stochvi.verification.check import explain
 from stochvi.verification.cost import (
@@ -130,10 +130,11 @@ def kind_of(cls: type) -> str:
 
 
 def members(union: Any) -> list[type]:
-    """The classes of a union whose members may be annotated."""
+    """The classes of a union, or those of which the kind tells one."""
     if get_origin(union) is Annotated:
-        return members(get_args(union)[0])
-    return [part for each in get_args(union) for part in members(each)] or [union]
+        (found,) = (each for each in get_args(union) if isinstance(each, OneOf))
+        return list(found.kinds.values())
+    return list(get_args(union))
 
 
 @pytest.fixture(params=members(Law), ids=kind_of)
