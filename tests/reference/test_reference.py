@@ -22,6 +22,7 @@ PUSHES = "what impacts and contacts change is added up in another order, and pat
 CONTACTS = "contacts of several coordinates are integrated in the gaps, not in the modes"
 INTERVALS = "the interval of expected impacts holds their bias"
 ONE_MASS = "one mass has the records and the engine of structures"
+THRESHOLD = "the speed above which impacts count follows one rule of all methods, to rounding here"
 
 OTHER_DIGITS = {
     "simulate modal, paths": PUSHES,
@@ -42,6 +43,12 @@ OTHER_DIGITS = {
     "simulate modal contacts, paths": CONTACTS,
     "reliability crude and splitting": INTERVALS,
     "reliability by crossings": INTERVALS,
+    "simulate white lossy, paths": THRESHOLD,
+    "simulate white slow impacts, paths": THRESHOLD,
+    "simulate lossy-0.5, rel_error": THRESHOLD,
+    "impacts, paths": THRESHOLD,
+    "cost": THRESHOLD,
+    "sweep": THRESHOLD,
 }
 """Cases whose digits changed since, with the reason."""
 
