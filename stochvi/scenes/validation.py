@@ -296,7 +296,17 @@ class Checked(BaseModel, metaclass=_Keyed):
     def __dir__(self) -> list[str]:
         """The names of the part, without those that pydantic gives to all its models."""
         ours = {name for each in type(self).__mro__ if each not in FOREIGN for name in vars(each)}
-        return sorted(name for name in {*ours, *type(self).model_fields} if name[0] != "_")
+        ours = ours - vars(BaseModel).keys() | type(self).model_fields.keys()
+        return sorted(name for name in ours if name[0] != "_")
+
+    if not TYPE_CHECKING:  # where the values of frozen parts have no setters at all
+
+        def __setattr__(self, name: str, value: Any) -> None:
+            try:
+                super().__setattr__(name, value)
+            except ValidationError:
+                remedy = f"replace({name}=...) makes a part with another value"
+                raise SceneError([(name, f"is frozen; {remedy}")]) from None
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """A copy with other values, which are not checked; `replace` checks them.
