@@ -8,7 +8,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -1107,17 +1107,14 @@ def _listed(value: Any) -> Any:
     return tuple(SpringFunction(force=each) if callable(each) else each for each in values)
 
 
-if TYPE_CHECKING:
-    Spring = tuple[Characteristic, ...]
-    Damper = tuple[Characteristic, ...]
-else:
+Spring = Annotated[
+    tuple[Annotated[SpringForce, OneOf(_kinds(SpringForce))], ...],
+    BeforeValidator(_listed), Field(min_length=1),
+]  # fmt: skip
+"""Springs that are functions: one of them, or a list."""
 
-    def _any_of(base: type[Characteristic]) -> Any:
-        one = Annotated[base, OneOf(_kinds(base))]
-        return Annotated[tuple[one, ...], BeforeValidator(_listed), Field(min_length=1)]
-
-    Spring = _any_of(SpringForce)
-    """Springs that are functions: one of them, or a list."""
-
-    Damper = _any_of(DamperForce)
-    """Dampers that are functions: one of them, or a list."""
+Damper = Annotated[
+    tuple[Annotated[DamperForce, OneOf(_kinds(DamperForce))], ...],
+    BeforeValidator(_listed), Field(min_length=1),
+]  # fmt: skip
+"""Dampers that are functions: one of them, or a list."""

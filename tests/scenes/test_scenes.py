@@ -483,6 +483,11 @@ def spring(deflection: float) -> float:
         (lambda: Oscillator(m=1.0, c=0.1, k=1.0), "(?s)mean 'mass'.*'damping'.*'stiffness'\\?"),
         (lambda: Restitution(R=0.5), "did you mean 'coefficient'"),
         (lambda: ImpactPair(gap=0.5), "did you mean 'clearance'"),
+        (lambda: Isolator(frequency_hz=12.0, damping_ratio=0.1), "did you mean 'zeta'"),
+        (
+            lambda: scene_from({**DOCUMENT, "stops": {}}),
+            r"^stops is not a known key; did you mean 'impact_pair'",
+        ),
         (
             lambda: ImpactPair(upper=1.0, law=spring),
             "^law must be an impact law, got the function spring; a force of your own is a Force",
