@@ -178,7 +178,7 @@ def plot_record(scene: Scene, path: pd.DataFrame, ax: Axes | None = None) -> Axe
         ax.scatter(
             TIME(hits["time"]), place / unit, s=12.0 + 60.0 * size,
             color=COLOURS["linearise:closure"], edgecolor="white", linewidth=0.6, zorder=3,
-            label=f"{len(hits)} impact{'s' if len(hits) > 1 else ''}, larger = faster",
+            label=f"{len(hits)} impacts, larger = faster" if len(hits) > 1 else "1 impact",
         )  # fmt: skip
     draw_stops(ax, scene, unit, vertical=False)
     ax.set_xlim(TIME(path["time"].iloc[0]), TIME(path["time"].iloc[-1]))
