@@ -709,11 +709,11 @@ def test_the_cpu_seconds_of_all_steps_are_those_of_the_process(
         used, counted = spent()
         # a thread takes its task and hands it on, and reads clocks
         assert 0.9 * used < counted <= used
-        slow[0] = 2.0 * used / blocks
+        slow[0] = 4.0 * used / blocks
         used, counted = spent()
-    # without the slow statistics a third would be counted
     assert 0.9 * used < counted <= used
-    assert blocks * slow[0] > 0.5 * used
+    # without the slow statistics it would be too few, also where a busy machine slows all the rest
+    assert counted - blocks * slow[0] < 0.9 * used
 
 
 def test_the_price_of_a_step_holds_the_run_that_knows_its_bias() -> None:
