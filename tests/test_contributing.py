@@ -324,7 +324,7 @@ PROBE = """
 import stochvi, stochvi.scenes.datasets as d
 print(stochvi.__file__)
 print(len(d.profiles()), d.shipped_scene("isolator-truck").is_file(), d.data_folder())
-from stochvi.views.report.pages import Page
+from stochvi.views.pages import Page
 from stochvi.results.files import Origin
 page = Page(
     title="t", subtitle="s", verdict="v", cards=[], sections=[],

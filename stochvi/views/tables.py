@@ -269,10 +269,11 @@ WIDEST = 10_000
 WORDS = ("of", "quantity", "unit", "verdict", "methods", "by", "change")
 
 
-def new_table(title: str, headings: Sequence[str], words: Sequence[str] = WORDS) -> Table:
+def new_table(title: str, headings: Sequence[str], words: Sequence[str | int] = WORDS) -> Table:
+    """A table without rows; columns with words, by heading or number, are set flush left."""
     table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
-    for heading in headings:
-        justify = "left" if heading in words else "right"
+    for number, heading in enumerate(headings):
+        justify = "left" if heading in words or number in words else "right"
         table.add_column(heading, justify=justify, no_wrap=True, overflow="fold")  # type: ignore[arg-type]
     return table
 

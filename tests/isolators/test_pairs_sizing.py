@@ -53,7 +53,9 @@ from stochvi.statistics.rare_hits import Limit, exceedance
 from stochvi.sweeps import summary_of_sizing
 from stochvi.testing import assert_agrees
 from stochvi.views.isolator_tables import pairs_in_words, plot_pairs_risk
-from stochvi.views.report.pages import excitations_section
+from stochvi.views.report.sections import (
+    excitations_section,
+)
 from stochvi.views.report.sizing import sizing_page
 from support.commands import Run, one_document
 from support.pairs import LAW, pair, uncoupled

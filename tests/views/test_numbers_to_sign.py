@@ -40,8 +40,8 @@ from stochvi.isolators.tolerances import Tolerances
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.files import origin_of
 from stochvi.scenes.datasets import shipped_scene
-from stochvi.views.report import missions, pages, sizing
-from stochvi.views.report.pages import Page, Picture
+from stochvi.views.pages import Page, Picture
+from stochvi.views.report import missions, sections, sizing
 from support.pairs import pair, uncoupled
 from support.sized import scene_between_stops, sizing_of
 
@@ -138,13 +138,15 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> Drawn:
     def shown(draw: Any, caption: str, **_: Any) -> Picture:
         if re.search(r"\b[Ss]tops (as|at) ", caption):
             draw()
-        return Picture(uri="", caption=caption)
+        return Picture(draw=draw, caption=caption)
 
-    for module in (missions, pages, sizing):
+    monkeypatch.setattr(Picture, "uri", "")
+
+    for module in (missions, sections, sizing):
         monkeypatch.setattr(module, "shown", shown)
-    for each in (missions, pages):
+    for each in (missions, sections):
         monkeypatch.setattr(each, "draw_problem", lambda scene, *_: seen.append(scene.impact_pairs))
-    monkeypatch.setattr(pages, "draw_gaps", lambda stops, _: seen.append(tuple(stops)))
+    monkeypatch.setattr(sections, "draw_gaps", lambda stops, _: seen.append(tuple(stops)))
     return seen
 
 

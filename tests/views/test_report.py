@@ -41,15 +41,11 @@ from stochvi.results.estimates import Estimate, spoken_percent
 from stochvi.results.files import Origin, origin_of
 from stochvi.scenes.excitations import Excitation
 from stochvi.scenes.scene import Scene
-from stochvi.views.report.pages import (
-    Fact,
-    Grid,
-    Page,
-    Section,
+from stochvi.views.pages import Fact, Grid, Page, Section, shown
+from stochvi.views.report.sections import (
     environment_section,
     gap_section,
     mount_section,
-    shown,
 )
 from stochvi.views.report.sizing import sizing_page, write_report
 from stochvi.views.sizing import plot_input, plot_risk

@@ -24,7 +24,7 @@ from stochvi.views.absorbers import (
     tunings,
     verdict,
 )
-from stochvi.views.report.pages import Fact, Grid, Page, Section, sentence, shown, write_page
+from stochvi.views.pages import Fact, Grid, Page, Section, sentence, shown, write_page
 from stochvi.views.tables import UNKNOWN, spoken_length, with_error, with_interval
 
 

@@ -34,18 +34,11 @@ from stochvi.views.isolator_tables import (
     plot_damage_sizing,
     plot_mission_sizing,
 )
-from stochvi.views.report.pages import (
-    Fact,
-    Grid,
-    Page,
-    Picture,
-    Section,
+from stochvi.views.pages import Fact, Grid, Page, Picture, Section, sentence, shown, write_page
+from stochvi.views.report.sections import (
     excitation_facts,
     production_section,
     record_cards,
-    sentence,
-    shown,
-    write_page,
 )
 from stochvi.views.schematic import draw_problem, draw_shapes, has_shape
 from stochvi.views.statistics import SURELY, draw_damage

@@ -26,12 +26,8 @@ from stochvi.results.files import Origin, origin_of
 from stochvi.views.axes import PAGE, axes_or_new
 from stochvi.views.files import try_picture, write_table
 from stochvi.views.isolator_tables import draw_pairs_risk
-from stochvi.views.report.pages import (
-    Fact,
-    Grid,
-    Page,
-    Picture,
-    Section,
+from stochvi.views.pages import Fact, Grid, Page, Picture, Section, sentence, shown, write_page
+from stochvi.views.report.sections import (
     box_sections,
     environment_section,
     excitations_section,
@@ -44,10 +40,7 @@ from stochvi.views.report.pages import (
     production_section,
     record_cards,
     sensitivity_section,
-    sentence,
-    shown,
     worst_case_section,
-    write_page,
 )
 from stochvi.views.sizing import (
     draw_sizing,

@@ -1,0 +1,289 @@
+"""What a reader is told of an answer. Chapters: facts, tables, pictures and sections; `Told`, which
+a terminal prints; `Page`, the same with its origin and evidence as one HTML file."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
+
+from stochvi.results.base import plain
+from stochvi.views.files import time_for_pictures, to_json, write_report_page, write_text
+from stochvi.views.tables import new_table, print_line, print_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from rich.console import Console
+
+    from stochvi.results.files import Origin
+
+
+# ------------------------------------------------------------------------------
+# The parts: facts, tables, pictures, sections.
+# ------------------------------------------------------------------------------
+
+
+class Fact(NamedTuple):
+    """A quantity in words, its value with its unit, and a remark."""
+
+    name: str
+    value: str
+    remark: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grid:
+    """A table of text: `headings` over `rows`; the first `words` columns are set flush left.
+
+    The rows with the numbers `alarms` are shown in red on a terminal.
+    """
+
+    caption: str
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    words: int = 1
+    """Number of columns, from the left, that hold words."""
+    alarms: Sequence[int] = ()
+
+    @classmethod
+    def of(
+        cls,
+        caption: str,
+        table: pd.DataFrame,
+        words: int = 1,
+        forms: Mapping[str, str] = {},
+    ) -> Self:
+        """A table with its numbers in four digits, or in the form of their column, and - where one
+        is not known."""
+        headings = [str(name) for name in table]
+        chosen = [forms.get(name, ".4g") for name in headings]
+        rows = [
+            [_cell(each, form) for each, form in zip(row, chosen, strict=True)]
+            for row in table.itertuples(index=False)
+        ]
+        return cls(caption=caption, headings=headings, rows=rows, words=words)
+
+    @classmethod
+    def by(
+        cls, caption: str, columns: Mapping[str, Callable[..., str]],
+        rows: Iterable[tuple[Any, ...]], words: int = 1,
+    ) -> list[Self]:  # fmt: skip
+        """A table described by its columns, each a heading with the cell that it makes of a row;
+        none where there are no rows.
+
+        >>> Grid.by("roots", {"n": str, "root": lambda n: f"{n**0.5:.2f}"}, [(2,), (9,)])[0].rows
+        [['2', '1.41'], ['9', '3.00']]
+        """
+        found = [[cell(*row) for cell in columns.values()] for row in rows]
+        if not found:
+            return []
+        return [cls(caption=caption, headings=[*columns], rows=found, words=words)]
+
+
+def _cell(value: object, form: str) -> str:
+    if not isinstance(value, float):
+        return str(value)
+    return "-" if math.isnan(value) else format(value, form)
+
+
+def capital(text: str) -> str:
+    """A text with a capital letter in front.
+
+    >>> capital("clearances that were tried")
+    'Clearances that were tried'
+    """
+    return f"{text[:1].upper()}{text[1:]}"
+
+
+def sentence(text: str) -> str:
+    """A text as a sentence.
+
+    >>> sentence("phases are independent")
+    'Phases are independent.'
+    """
+    return f"{capital(text).removesuffix('.')}."
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """A picture with its caption, drawn when a page shows it; a wide one takes the width of the
+    page."""
+
+    draw: Callable[[], Axes]
+    caption: str
+    wide: bool = False
+
+    @cached_property
+    def uri(self) -> str:
+        """The figure as SVG with letters as outlines, in a data URI, closed; the same bytes for the
+        same figure. Empty where no time is left for the picture."""
+        if not time_for_pictures():
+            return ""
+        import matplotlib.pyplot as plt
+
+        from stochvi.views.axes import as_written
+
+        figure = as_written(self.draw())
+        memory = io.BytesIO()
+        with plt.rc_context({"svg.fonttype": "path", "svg.hashsalt": "stochvi"}):
+            figure.savefig(memory, format="svg", metadata={"Date": None, "Creator": None})
+        plt.close(figure)
+        encoded = base64.b64encode(memory.getvalue()).decode("ascii")
+        return f"data:image/svg+xml;base64,{encoded}"
+
+
+def shown(draw: Callable[[], Axes], caption: str, *, wide: bool = False) -> Picture:
+    """The picture that `draw` makes, with its caption."""
+    return Picture(draw=draw, caption=caption, wide=wide)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """A part of what is told; an empty section is left out. A terminal prints its tables and notes
+    alone."""
+
+    title: str = ""
+    lead: str = ""
+    facts: Sequence[Fact] = ()
+    grids: Sequence[Grid] = ()
+    pictures: Sequence[Picture] = ()
+    notes: Sequence[str] = ()
+
+    @property
+    def anchor(self) -> str:
+        """Name of the section in links."""
+        return "".join(letter if letter.isalnum() else "-" for letter in self.title.lower())
+
+    @property
+    def empty(self) -> bool:
+        """Whether the section holds nothing."""
+        return not (self.lead or self.facts or self.grids or self.pictures or self.notes)
+
+
+# ------------------------------------------------------------------------------
+# What is told of an answer, on a terminal.
+# ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Told:
+    """What is told of an answer: the verdict first, then its evidence.
+
+    Parameters
+    ----------
+    verdict
+        The verdict in one sentence; empty where tables alone answer.
+    alarm
+        Whether the verdict says that something is wrong: it is then shown in red.
+    statements
+        Sentences that complete the verdict, each a line.
+    sections
+        The parts that hold the evidence.
+    warnings
+        Sentences that a reader must know before believing any number.
+    footer
+        Lines that close it.
+    """
+
+    verdict: str = ""
+    alarm: bool = False
+    statements: Sequence[str] = ()
+    sections: Sequence[Section] = ()
+    warnings: Sequence[str] = ()
+    footer: Sequence[str] = ()
+
+
+def print_told(console: Console, told: Told) -> None:
+    """Print the verdict, the statements, tables and notes of all sections, warnings and footer."""
+    if told.verdict:
+        style = "bold red" if told.alarm else "bold"
+        console.print(told.verdict, style=style, highlight=False)
+    for line in told.statements:
+        print_line(console, line)
+    for section in told.sections:
+        for grid in section.grids:
+            _print_grid(console, grid)
+        for note in section.notes:
+            print_line(console, note)
+    for line in told.footer:
+        print_line(console, line)
+    for warning in told.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def _print_grid(console: Console, grid: Grid) -> None:
+    table = new_table(grid.caption, grid.headings, range(grid.words))
+    for number, row in enumerate(grid.rows):
+        table.add_row(*row, style="bold red" if number in grid.alarms else "")
+    print_table(console, table)
+
+
+# ------------------------------------------------------------------------------
+# The same as one self-contained HTML page.
+# ------------------------------------------------------------------------------
+
+
+TEMPLATE = "report.html"
+
+BEFORE_UNIT = re.compile(
+    r"(?<=\d) (?=(?:%|mm|cm|µm|mil|ft|m|m/s|g|Hz|kg|kN|N|lbf|h|s|min|dB|sigma|rms)\b|%)|(?<=±) "
+)
+"""Pattern of the blank between a number and its unit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Page(Told):
+    """A report: what is told, with the question, the few numbers to take away, and the origin.
+
+    Parameters
+    ----------
+    title, subtitle
+        The scene, and the question that the report answers.
+    cards
+        The few numbers that a reader takes away.
+    origin
+        When, how and from what the page was made.
+    """
+
+    title: str
+    subtitle: str
+    cards: Sequence[Fact]
+    origin: Origin
+
+    def html(self) -> str:
+        """The page; it needs no other file, no network and no script."""
+        from jinja2 import Environment, PackageLoader, StrictUndefined
+
+        environment = Environment(
+            loader=PackageLoader("stochvi.views.report"),
+            autoescape=True,
+            undefined=StrictUndefined,
+            finalize=_tied,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
+        environment.filters["capital"] = capital
+        kept = [section for section in self.sections if not section.empty]
+        return environment.get_template(TEMPLATE).render(page=self, sections=kept) + "\n"
+
+
+def _tied(value: object) -> object:
+    """Text with blanks that keep a number and its unit on one line; other values as they are."""
+    plain = isinstance(value, str) and not hasattr(value, "__html__")
+    return BEFORE_UNIT.sub("\u00a0", str(value)) if plain else value
+
+
+def write_page(page: Page, document: Mapping[str, Any], name: str, folder: Path) -> Path:
+    """Write `report.html`, and beside it the document that holds its numbers, with the origin of
+    the page under "report"; returns the path of the page."""
+    found = {**document, "report": plain(page.origin)}
+    write_text(to_json(found) + "\n", folder / f"{name}.json")
+    write_report_page(page.html(), folder / "report.html")
+    return folder / "report.html"
