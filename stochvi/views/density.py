@@ -32,12 +32,11 @@ from stochvi.views.axes import (
     thinned,
 )
 from stochvi.views.files import write_bytes
-from stochvi.views.tables import print_frame
+from stochvi.views.pages import Grid, Told, printed, told_of
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
-    from rich.console import Console
 
     from stochvi.methods.fokker_planck import FirstPassage
     from stochvi.scenes.scene import ImpactPair, Scene
@@ -249,24 +248,27 @@ SHOWN = {
 """Quantities that a terminal shows, in words, and their SI units."""
 
 
-def print_history(console: Console, found: History) -> None:
-    """Print the quantities of the history, and the meanings of the columns of its table."""
-    import pandas as pd
+def history_told(found: History) -> Told:
+    """The quantities of the history, and the meanings of the columns of its table."""
+    rows = [
+        (owner, SHOWN[name][0], shown_as(in_angles(owner, SHOWN[name][1])), value)
+        for group in (found.coordinates, found.impact_pairs)
+        for owner, numbers in group.items()
+        for name, value in numbers.items()
+    ]
+    columns = {
+        "of": lambda owner, *_: owner,
+        "quantity": lambda _, words, quantity, __: quantity.heading(words),
+        "value": lambda _, __, quantity, value: f"{quantity(value):.5g}",
+    }
+    return told_of(
+        found,
+        Grid.by("one realisation, which has no standard error", columns, rows, 2),
+        [f"{name}: {meaning}" for name, meaning in found.meanings.items()],
+    )
 
-    rows = []
-    for group in (found.coordinates, found.impact_pairs):
-        for owner, numbers in group.items():
-            for name, value in numbers.items():
-                words, unit = SHOWN[name]
-                quantity = shown_as(in_angles(owner, unit))
-                cell = f"{quantity(value):.5g}"
-                rows.append({"of": owner, "quantity": quantity.heading(words), "value": cell})
-    print_frame(console, pd.DataFrame(rows), "one realisation, which has no standard error")
-    for name, meaning in found.meanings.items():
-        console.print(f"{name}: {meaning}", style="dim", highlight=False, markup=False)
-    console.print(found.summary(), highlight=False, markup=False)
-    for warning in found.warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False, markup=False)
+
+print_history = printed(history_told)
 
 
 class _Panel(NamedTuple):

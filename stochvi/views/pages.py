@@ -7,15 +7,15 @@ import base64
 import io
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
-from stochvi.results.base import plain
+from stochvi.results.base import Result, plain
 from stochvi.views.files import time_for_pictures, to_json, write_report_page, write_text
-from stochvi.views.tables import new_table, print_line, print_table
+from stochvi.views.tables import NO_VALUE, new_table, print_line, print_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,7 +40,7 @@ class Fact(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """A table of text: `headings` over `rows`; the first `words` columns are set flush left.
+    """A table of text: `headings` over `rows`; columns of `words` are set flush left.
 
     The rows with the numbers `alarms` are shown in red on a terminal.
     """
@@ -48,16 +48,23 @@ class Grid:
     caption: str
     headings: Sequence[str]
     rows: Sequence[Sequence[str]]
-    words: int = 1
-    """Number of columns, from the left, that hold words."""
+    words: int | Collection[str] = 1
+    """Number of columns, from the left, that hold words, or the headings of these."""
     alarms: Sequence[int] = ()
+
+    @property
+    def flush_left(self) -> list[bool]:
+        """Whether each column is set flush left."""
+        if isinstance(self.words, int):
+            return [number < self.words for number in range(len(self.headings))]
+        return [heading in self.words for heading in self.headings]
 
     @classmethod
     def of(
         cls,
         caption: str,
         table: pd.DataFrame,
-        words: int = 1,
+        words: int | Collection[str] = 1,
         forms: Mapping[str, str] = {},
     ) -> Self:
         """A table with its numbers in four digits, or in the form of their column, and - where one
@@ -72,25 +79,27 @@ class Grid:
 
     @classmethod
     def by(
-        cls, caption: str, columns: Mapping[str, Callable[..., str]],
-        rows: Iterable[tuple[Any, ...]], words: int = 1,
+        cls, caption: str, columns: Mapping[str, Callable[..., object]],
+        rows: Iterable[tuple[Any, ...]], words: int | Collection[str] = 1,
+        alarms: Sequence[int] = (),
     ) -> list[Self]:  # fmt: skip
-        """A table described by its columns, each a heading with the cell that it makes of a row;
-        none where there are no rows.
+        """A table described by its columns, each a heading with the cell that it makes of a row:
+        a text, or a number that gets four digits. None where there are no rows.
 
-        >>> Grid.by("roots", {"n": str, "root": lambda n: f"{n**0.5:.2f}"}, [(2,), (9,)])[0].rows
-        [['2', '1.41'], ['9', '3.00']]
+        >>> Grid.by("roots", {"n": str, "root": lambda n: n**0.5}, [(2,), (9,)])[0].rows
+        [['2', '1.414'], ['9', '3']]
         """
-        found = [[cell(*row) for cell in columns.values()] for row in rows]
+        found = [[_cell(cell(*row), ".4g") for cell in columns.values()] for row in rows]
         if not found:
             return []
-        return [cls(caption=caption, headings=[*columns], rows=found, words=words)]
+        headings = [*columns]
+        return [cls(caption=caption, headings=headings, rows=found, words=words, alarms=alarms)]
 
 
 def _cell(value: object, form: str) -> str:
-    if not isinstance(value, float):
-        return str(value)
-    return "-" if math.isnan(value) else format(value, form)
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return NO_VALUE
+    return format(value, form) if isinstance(value, float) else str(value)
 
 
 def capital(text: str) -> str:
@@ -146,7 +155,7 @@ def shown(draw: Callable[[], Axes], caption: str, *, wide: bool = False) -> Pict
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """A part of what is told; an empty section is left out. A terminal prints its tables and notes
+    """A part of a description; an empty section is left out. A terminal prints its tables and notes
     alone."""
 
     title: str = ""
@@ -168,13 +177,13 @@ class Section:
 
 
 # ------------------------------------------------------------------------------
-# What is told of an answer, on a terminal.
+# The description of an answer, on a terminal.
 # ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
 class Told:
-    """What is told of an answer: the verdict first, then its evidence.
+    """The description of an answer: the verdict first, then its evidence.
 
     Parameters
     ----------
@@ -200,11 +209,37 @@ class Told:
     footer: Sequence[str] = ()
 
 
+def told_of(
+    found: Result, grids: Sequence[Grid], notes: Sequence[str] = (), footer: Sequence[str] = ()
+) -> Told:
+    """The summary of an answer over its tables and notes, with its warnings."""
+    return Told(
+        verdict=found.summary(),
+        sections=[Section(grids=grids, notes=notes)],
+        footer=footer,
+        warnings=found.warnings,
+    )
+
+
+def assumed(assumptions: Sequence[str]) -> list[str]:
+    """The assumptions of an answer in one line, where it has any."""
+    return [f"assumptions: {'; '.join(assumptions)}"] if assumptions else []
+
+
+def printed(told: Callable[..., Told]) -> Callable[..., None]:
+    """The printer of an answer, by the function that describes it."""
+
+    def print_answer(console: Console, found: Any, *more: Any, **words: Any) -> None:
+        print_told(console, told(found, *more, **words))
+
+    return print_answer
+
+
 def print_told(console: Console, told: Told) -> None:
     """Print the verdict, the statements, tables and notes of all sections, warnings and footer."""
     if told.verdict:
         style = "bold red" if told.alarm else "bold"
-        console.print(told.verdict, style=style, highlight=False)
+        console.print(told.verdict, style=style, highlight=False, markup=False)
     for line in told.statements:
         print_line(console, line)
     for section in told.sections:
@@ -215,11 +250,12 @@ def print_told(console: Console, told: Told) -> None:
     for line in told.footer:
         print_line(console, line)
     for warning in told.warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False)
+        console.print(f"note: {warning}", style="yellow", highlight=False, markup=False)
 
 
 def _print_grid(console: Console, grid: Grid) -> None:
-    table = new_table(grid.caption, grid.headings, range(grid.words))
+    left = [number for number, flush in enumerate(grid.flush_left) if flush]
+    table = new_table(grid.caption, grid.headings, left)
     for number, row in enumerate(grid.rows):
         table.add_row(*row, style="bold red" if number in grid.alarms else "")
     print_table(console, table)
@@ -240,7 +276,7 @@ BEFORE_UNIT = re.compile(
 
 @dataclass(frozen=True, kw_only=True)
 class Page(Told):
-    """A report: what is told, with the question, the few numbers to take away, and the origin.
+    """A report: a description, with the question, the few numbers to take away, and the origin.
 
     Parameters
     ----------

@@ -21,11 +21,11 @@ from stochvi.views.axes import (
     axes_or_new,
     length_unit,
 )
-from stochvi.views.tables import Heading, print_frame, with_headings
+from stochvi.views.pages import Grid, Told, printed, told_of
+from stochvi.views.tables import Heading, with_headings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from rich.console import Console
 
     from stochvi.methods.periodic.attracted import Basins, Bifurcation
     from stochvi.methods.periodic.sine_response import Branch, HarmonicResponse
@@ -51,64 +51,63 @@ PANELS = {
 """Columns of the table of an answer that are drawn, in words."""
 
 
-def print_sine(console: Console, found: HarmonicResponse) -> None:
-    """Print what was found, the branches, the jumps and the special points."""
-    import pandas as pd
+def sine_told(found: HarmonicResponse) -> Told:
+    """What was found, the branches, the jumps and the special points."""
+    name = _name(found)
+    # of a branch that nowhere keeps to its stops all is shown
+    branches = [
+        (number, each, each.admissible | (not each.admissible.any()))
+        for number, each in enumerate(found.branches)
+    ]
+    regimes = {
+        "branch": lambda number, *_: number,
+        "form": lambda _, branch, at: branch.form,
+        "impacts": lambda _, branch, at: _struck(branch),
+        "periods": lambda _, branch, at: branch.periods,
+        "from": lambda _, branch, at: branch.value[at].min(),
+        "to": lambda _, branch, at: branch.value[at].max(),
+        "stable": lambda _, branch, at: _range(branch.value[at & branch.stable]),
+        f"displacement ({LENGTH})": lambda _, branch, at: LENGTH(branch.displacement_max[at].max()),
+        f"impact speed ({SPEED})": lambda _, branch, at: SPEED(
+            branch.impact_speed[at].max(initial=0.0)
+        ),
+        f"acceleration ({SI_ACCELERATION})": lambda _, branch, at: SI_ACCELERATION(
+            branch.acceleration_max[at].max()
+        ),
+    }
+    jumps = {
+        "sweep": lambda jump: "up" if jump.upwards else "down",
+        name: lambda jump: jump.value,
+        f"displacement before ({LENGTH})": lambda jump: LENGTH(jump.displacement_max[0]),
+        f"after ({LENGTH})": lambda jump: LENGTH(jump.displacement_max[1]),
+        f"impact speed before ({SPEED})": lambda jump: SPEED(jump.impact_speed[0]),
+        f"after ({SPEED})": lambda jump: SPEED(jump.impact_speed[1]),
+    }
+    points = {
+        "what": lambda point: point.name,
+        name: lambda point: f"{point.value:.7g}",
+        "branch": lambda point: point.branch,
+    }
+    return told_of(
+        found,
+        [
+            *Grid.by(f"regimes over {name}", regimes, branches, ("form", "impacts", "stable")),
+            *Grid.by("jumps of a slow sweep", jumps, [(each,) for each in found.jumps]),
+            *Grid.by("special points", points, [(each,) for each in found.special_points]),
+        ],
+        [
+            "stable: largest and smallest value at which small perturbations die away",
+            "peak acceleration: absolute, with the forces of compliant stops; with rigid stops it "
+            "is that between impacts",
+        ],
+    )
 
-    console.print(found.summary(), style="bold", highlight=False)
-    rows = [_row(number, branch) for number, branch in enumerate(found.branches)]
-    if rows:
-        print_frame(console, pd.DataFrame(rows), f"regimes over {_name(found)}")
-    jumps = [
-        {
-            "sweep": "up" if jump.upwards else "down",
-            _name(found): jump.value,
-            f"displacement before ({LENGTH})": LENGTH(jump.displacement_max[0]),
-            f"after ({LENGTH})": LENGTH(jump.displacement_max[1]),
-            f"impact speed before ({SPEED})": SPEED(jump.impact_speed[0]),
-            f"after ({SPEED})": SPEED(jump.impact_speed[1]),
-        }
-        for jump in found.jumps
-    ]
-    if jumps:
-        print_frame(console, pd.DataFrame(jumps), "jumps of a slow sweep")
-    points = [
-        {"what": point.name, _name(found): point.value, "branch": point.branch}
-        for point in found.special_points
-    ]
-    if points:
-        print_frame(console, pd.DataFrame(points), "special points", {_name(found): ".7g"})
-    for line in (
-        "stable: largest and smallest value at which small perturbations die away",
-        "peak acceleration: absolute, with the forces of compliant stops; with rigid stops it is "
-        "that between impacts",
-    ):
-        console.print(line, style="dim", highlight=False)
-    for warning in found.warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+print_sine = printed(sine_told)
 
 
 def _name(found: HarmonicResponse) -> str:
     return "frequency (Hz)" if found.key == "frequency_hz" else found.key
-
-
-def _row(number: int, branch: Branch) -> dict[str, object]:
-    shown = branch.admissible if branch.admissible.any() else np.ones_like(branch.admissible)
-    stable = shown & branch.stable
-    return {
-        "branch": number,
-        "form": branch.form,
-        "impacts": _struck(branch),
-        "periods": branch.periods,
-        "from": float(branch.value[shown].min()),
-        "to": float(branch.value[shown].max()),
-        "stable": _range(branch.value[stable]),
-        f"displacement ({LENGTH})": LENGTH(float(branch.displacement_max[shown].max())),
-        f"impact speed ({SPEED})": SPEED(float(branch.impact_speed[shown].max(initial=0.0))),
-        f"acceleration ({SI_ACCELERATION})": SI_ACCELERATION(
-            float(branch.acceleration_max[shown].max())
-        ),
-    }
 
 
 def _impacts(stops: Sequence[str]) -> str:
@@ -284,34 +283,32 @@ MOST_PRINTED = 40
 """Largest number of values of a bifurcation diagram that the terminal shows."""
 
 
-def print_basins(console: Console, found: Basins) -> None:
-    """Print which motions are reached, and by what share of the starts."""
-    console.print(found.summary(), style="bold", highlight=False)
-    print_frame(console, with_headings(found.table(), REGIME_COLUMNS), "motions that starts end in")
-    for warning in found.warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False)
+def basins_told(found: Basins) -> Told:
+    """Which motions are reached, and by what share of the starts."""
+    table = with_headings(found.table(), REGIME_COLUMNS)
+    return told_of(found, [Grid.of("motions that starts end in", table, 2)])
 
 
-def print_bifurcation(console: Console, found: Bifurcation) -> None:
-    """Print the motion at some of the values."""
-    console.print(found.summary(), style="bold", highlight=False)
+def bifurcation_told(found: Bifurcation) -> Told:
+    """The motion at some of the values."""
     table = found.table()
     chosen = np.unique(np.linspace(0, len(table) - 1, min(MOST_PRINTED, len(table))).astype(int))
     columns: dict[str, Heading] = {
         "sweep": "sweep", "value": found.key, "periods": "periods (0: none)",
         "impacts per period": "impacts per period", **REGIME_COLUMNS,
     }  # fmt: skip
-    print_frame(console, with_headings(table.iloc[chosen], columns), "motions of a slow sweep")
-    for warning in found.warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False)
+    shown = with_headings(table.iloc[chosen], columns)
+    return told_of(found, [Grid.of("motions of a slow sweep", shown, ("sweep", "regime", "kind"))])
 
 
-def print_lifetimes(console: Console, found: LifeTimes) -> None:
-    """Print how long each regime lasts, and where paths go."""
-    console.print(found.summary(), style="bold", highlight=False)
-    print_frame(console, with_headings(found.to_frame(), LIFE_COLUMNS), "regimes in noise")
-    for warning in found.warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False)
+def lifetimes_told(found: LifeTimes) -> Told:
+    """How long each regime lasts, and where paths go."""
+    table = with_headings(found.to_frame(), LIFE_COLUMNS)
+    return told_of(found, [Grid.of("regimes in noise", table, ("regime", "they go to"))])
+
+
+print_basins, print_bifurcation = printed(basins_told), printed(bifurcation_told)
+print_lifetimes = printed(lifetimes_told)
 
 
 def plot_lifetimes(found: LifeTimes, ax: Axes | None = None) -> Axes:
@@ -490,13 +487,14 @@ COLUMNS = {
 """Headings of the columns as the terminal shows them."""
 
 
-def print_stability(console: Console, found: Stability) -> None:
-    """Print how fast what grows."""
-    console.print(found.summary(), style="bold", highlight=False)
+def stability_told(found: Stability) -> Told:
+    """How fast what grows."""
     table = in_chosen_units(found.to_frame()).replace({"quantity": NAMES}).rename(columns=COLUMNS)
-    print_frame(console, table, "growth without stops; below 0 it decays")
-    for warning in found.warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False)
+    words = ("growth of", "unit", "from")
+    return told_of(found, [Grid.of("growth without stops; below 0 it decays", table, words)])
+
+
+print_stability = printed(stability_told)
 
 
 def plot_stability(found: Stability, ax: Axes | None = None) -> Axes:

@@ -4,6 +4,8 @@ tables of spectra, impacts and reliability."""
 from __future__ import annotations
 
 import re
+from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -47,10 +49,10 @@ from stochvi.views.axes import (
     owner_colours,
     plain_ticks,
 )
+from stochvi.views.pages import Grid, Section, Told, assumed, printed, told_of
 from stochvi.views.tables import (
     new_table,
     print_assumptions,
-    print_frame,
     print_line,
     print_table,
     value_with_error,
@@ -58,7 +60,7 @@ from stochvi.views.tables import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
     from matplotlib.axes import Axes
     from rich.console import Console
@@ -248,69 +250,78 @@ WITH, WITHOUT, SHOCK = COLOURS["simulate"], COLOURS["exact"], COLOURS["stop"]
 """Colours of the scene as it is, without its stops, and of its impacts."""
 
 
-def print_damage(console: Console, found: Damage) -> None:
-    """Print the spectra at some frequencies, and the impacts."""
-    headings = ["Hz", f"rms ({ACCELERATION})", f"largest ({ACCELERATION})", "damage"]
-    without = found.without_stops
-    compared = (
+def damage_told(found: Damage) -> Told:
+    """The spectra at some frequencies, the impacts, and the test of the same damage."""
+    spectra, without, shocks = found.with_stops, found.without_stops, found.shocks
+    shown = {
+        f"rms ({ACCELERATION})": _each(spectra.response_rms, ACCELERATION),
+        f"largest ({ACCELERATION})": _each(spectra.extreme_response, ACCELERATION),
+        "damage": _each(spectra.fatigue_damage),
+    }
+    if (
         without is not None
         and found.damage_ratio is not None
         and found.impacts_per_hour is not None
         and not found.unseen
-    )
-    if compared:
-        headings += [
-            f"rms, no stops ({ACCELERATION})", f"largest, no stops ({ACCELERATION})",
-            "times the damage",
-        ]  # fmt: skip
-    headings.append(f"equivalent ({DENSITY})")
-    if found.shocks is not None:
-        headings += [f"typical impact ({ACCELERATION})", f"worst of 100 ({ACCELERATION})"]
+    ):
+        shown |= {
+            f"rms, no stops ({ACCELERATION})": _each(without.response_rms, ACCELERATION),
+            f"largest, no stops ({ACCELERATION})": _each(without.extreme_response, ACCELERATION),
+            "times the damage": _each(found.damage_ratio),
+        }
+    shown[f"equivalent ({DENSITY})"] = _each(found.equivalent_density, DENSITY)
+    if shocks is not None:
+        shown |= {
+            f"typical impact ({ACCELERATION})": lambda k: f"{ACCELERATION(shocks.typical[k]):.3g}",
+            f"worst of 100 ({ACCELERATION})": lambda k: f"{ACCELERATION(shocks.worst[k]):.3g}",
+        }
     title = (
         f"equipment at {found.at}, Q = {found.quality:g}, b = {found.exponent:g}, in a mission of "
         f"{spoken_mission(found.mission)}"
     )
-    table = new_table(title, headings)
-    count = len(found.equipment_frequency_hz)
-    for k in np.unique(np.linspace(0, count - 1, min(count, ROWS)).round().astype(int)):
-        spectra = found.with_stops
-        row = [
-            f"{found.equipment_frequency_hz[k]:.4g}", _one(spectra.response_rms, k, ACCELERATION),
-            _one(spectra.extreme_response, k, ACCELERATION), _one(spectra.fatigue_damage, k),
-        ]  # fmt: skip
-        if compared and without is not None and found.damage_ratio is not None:
-            row += [
-                _one(without.response_rms, k, ACCELERATION),
-                _one(without.extreme_response, k, ACCELERATION), _one(found.damage_ratio, k),
-            ]  # fmt: skip
-        row.append(_one(found.equivalent_density, k, DENSITY))
-        if found.shocks is not None:
-            shocks = (found.shocks.typical, found.shocks.worst)
-            row += [f"{ACCELERATION(shock[k]):.3g}" for shock in shocks]
-        table.add_row(*row)
-    print_table(console, table)
-    for line in hits_in_words(found):
-        print_line(console, line)
-    console.print(found.summary(), highlight=False)
+    hertz: dict[str, Callable[[int], object]] = {"Hz": lambda k: found.equipment_frequency_hz[k]}
+    rows = [(k,) for k in _spread(len(found.equipment_frequency_hz), ROWS)]
+    sections = [Section(grids=Grid.by(title, hertz | shown, rows, 0), notes=hits_in_words(found))]
     if found.test is not None:
-        _print_test(console, found, found.test)
-    print_assumptions(console, found.assumptions)
-    for warning in found.warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False)
-
-
-def _print_test(console: Console, found: Damage, test: TailoredTest) -> None:
-    """Print the profile of a test."""
-    print_line(
-        console,
-        f"random test of {spoken_mission(test.duration)} with the damage of "
-        f"{spoken_mission(found.mission)}, at {test.exaggeration:.3g} times the rms:",
+        sections.append(_test_section(found, found.test))
+    return Told(
+        verdict=found.summary(),
+        sections=sections,
+        footer=assumed(found.assumptions),
+        warnings=found.warnings,
     )
-    table = new_table("", ["Hz", str(DENSITY)])
-    for frequency, density in zip(test.frequency_hz, test.density, strict=True):
-        table.add_row(f"{frequency:.4g}", f"{DENSITY(density):.3g}")
-    print_table(console, table)
-    console.print(test.summary(), highlight=False)
+
+
+print_damage = printed(damage_told)
+
+
+def _spread(count: int, most: int) -> list[int]:
+    """At most so many of the numbers below a count, evenly spread."""
+    return [int(k) for k in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
+
+
+def _each(values: SpectrumValues, quantity: ShownQuantity = NUMBER) -> Callable[[int], object]:
+    """The values of a spectrum by their number, with their errors, in the unit that is shown."""
+
+    def one(k: int) -> str:
+        estimate = Estimate(
+            value=float(values.value[k]), standard_error=float(values.standard_error[k]),
+            bias=float(values.bias[k]),
+        )  # fmt: skip
+        return value_with_error(quantity(estimate))
+
+    return one
+
+
+def _test_section(found: Damage, test: TailoredTest) -> Section:
+    """The profile of a test."""
+    title = (
+        f"random test of {spoken_mission(test.duration)} with the damage of "
+        f"{spoken_mission(found.mission)}, at {test.exaggeration:.3g} times the rms"
+    )
+    columns = {"Hz": lambda f, _: f, str(DENSITY): lambda _, density: f"{DENSITY(density):.3g}"}
+    rows = zip(test.frequency_hz, test.density, strict=True)
+    return Section(grids=Grid.by(title, columns, rows, 0), notes=[test.summary()])
 
 
 def hits_in_words(found: Damage) -> list[str]:
@@ -338,15 +349,6 @@ def _hourly(per_hour: Estimate) -> str:
     if estimate.upper_95 is not None:
         return f"at most {estimate.upper_95:.3g}"
     return value_with_error(estimate)
-
-
-def _one(values: SpectrumValues, k: int, quantity: ShownQuantity = NUMBER) -> str:
-    """A value with its errors, in the unit that is shown."""
-    estimate = Estimate(
-        value=float(values.value[k]), standard_error=float(values.standard_error[k]),
-        bias=float(values.bias[k]),
-    )  # fmt: skip
-    return value_with_error(quantity(estimate))
 
 
 def draw_damage(found: Damage, title: str = "") -> Axes:
@@ -489,34 +491,31 @@ def panels(found: BumperMap) -> list[Panel]:
     ]
 
 
-def print_bumper_map(console: Console, found: BumperMap) -> None:
-    """Print the quantities at some points, and the best one."""
-    console.print(found.summary(), style="bold", highlight=False)
-    headings = [
-        f"clearance ({LENGTH})",
-        f"stiffness ({STIFFNESS})" if _in_units(found) else "stiffness, times",
-    ]
-    shown = panels(found)
-    headings += [panel.quantity.heading(panel.words, panel.more) for panel in shown]
-    headings += ["limits"] if found.limits else []
+def bumper_map_told(found: BumperMap) -> Told:
+    """The quantities at some points, and the best one."""
+    times = f"stiffness ({STIFFNESS})" if _in_units(found) else "stiffness, times"
+    shown: dict[str, Callable[[int, int], object]] = {
+        f"clearance ({LENGTH})": lambda row, _: f"{LENGTH(found.clearance[row]):.3g}",
+        times: lambda _, column: f"{_stiffness(found)[column]:.3g}",
+    }
+    for panel in panels(found):
+        heading = panel.quantity.heading(panel.words, panel.more)
+        shown[heading] = partial(_one_point, found, panel)
+    if found.limits:
+        shown["limits"] = partial(_verdict, found)
     rows, columns = found.feasible.shape
-    at = [np.unique(np.linspace(0, n - 1, CORNERS).round().astype(int)) for n in (rows, columns)]
-    left = rows * columns - len(at[0]) * len(at[1])
+    at = [*product(_spread(rows, CORNERS), _spread(columns, CORNERS))]
+    left = rows * columns - len(at)
     more = f"; {left} more points in the file of the map" if left else ""
-    table = new_table(f"exceeded in {_risk(found)}{more}", headings)
-    for row in at[0]:
-        for column in at[1]:
-            cells = [f"{LENGTH(found.clearance[row]):.3g}", f"{_stiffness(found)[column]:.3g}"]
-            for panel in shown:
-                cells.append(_one_point(found, panel, row, column))
-            if found.limits:
-                cells.append(_verdict(found, row, column))
-            table.add_row(*cells)
-    print_table(console, table)
-    print_assumptions(console, found.assumptions)
-    print_line(console, f"cost: {found.cost.wall_time:.3g} s on {found.cost.threads} threads")
-    for warning in found.warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False)
+    cost = f"cost: {found.cost.wall_time:.3g} s on {found.cost.threads} threads"
+    return told_of(
+        found,
+        Grid.by(f"exceeded in {_risk(found)}{more}", shown, at, 0),
+        footer=[*assumed(found.assumptions), cost],
+    )
+
+
+print_bumper_map = printed(bumper_map_told)
 
 
 def _verdict(found: BumperMap, row: int, column: int) -> str:
@@ -643,26 +642,29 @@ SURELY = 0.9
 it is lower the probability is hardly known, and the interval is printed."""
 
 
-def print_spectrum(console: Console, found: ResponseSpectrum) -> None:
-    """Print the peak of each spectrum and the meanings of the spectra."""
-    print_frame(console, found.peaks(), "at the peak of each spectrum, one-sided per hertz")
-    for name, meaning in found.meanings.items():
-        console.print(f"{name}: {meaning}", style="dim", highlight=False)
-    console.print(found.summary(), highlight=False)
-    _print_limits(console, found.assumptions, found.warnings)
-
-
-def print_impacts(console: Console, found: ImpactStatistics, mission: float | None = None) -> None:
-    """Print the rates of impacts with their intervals, and the impacts in a mission, s."""
-    print_frame(
-        console,
-        found.to_table(),
-        "impacts, with 95 % intervals of the rates",
+def spectrum_told(found: ResponseSpectrum) -> Told:
+    """The peak of each spectrum and the meanings of the spectra."""
+    title = "at the peak of each spectrum, one-sided per hertz"
+    return told_of(
+        found,
+        [Grid.of(title, found.peaks(), ("of", "quantity", "unit"))],
+        [f"{name}: {meaning}" for name, meaning in found.meanings.items()],
+        assumed(found.assumptions),
     )
-    console.print(found.summary(), highlight=False)
-    if mission is not None:
-        console.print(_in_mission(found, mission), highlight=False)
-    _print_limits(console, found.assumptions, found.warnings)
+
+
+def impacts_told(found: ImpactStatistics, mission: float | None = None) -> Told:
+    """The rates of impacts with their intervals, and the impacts in a mission, s."""
+    title = "impacts, with 95 % intervals of the rates"
+    return told_of(
+        found,
+        [Grid.of(title, found.to_table(), ("of", "quantity", "by", "unit"))],
+        [] if mission is None else [_in_mission(found, mission)],
+        assumed(found.assumptions),
+    )
+
+
+print_spectrum, print_impacts = printed(spectrum_told), printed(impacts_told)
 
 
 def _in_mission(found: ImpactStatistics, mission: float) -> str:
@@ -676,12 +678,6 @@ def _in_mission(found: ImpactStatistics, mission: float) -> str:
         number = f"at most {high:.4g}" if rate.estimate.value == 0.0 else mean
         sentences.append(f"{name}: {number} impacts in {spoken_mission(mission)}")
     return "; ".join(sentences)
-
-
-def _print_limits(console: Console, assumptions: Sequence[str], warnings: Sequence[str]) -> None:
-    console.print(f"assumptions: {'; '.join(assumptions)}", style="dim", highlight=False)
-    for warning in warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False)
 
 
 def chance_in_words(value: float, error: float, lower: float) -> str:

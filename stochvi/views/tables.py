@@ -298,7 +298,7 @@ def print_assumptions(console: Console, sentences: Sequence[str]) -> None:
 
 
 def print_line(console: Console, line: str) -> None:
-    console.print(line, style="dim", highlight=False)
+    console.print(line, style="dim", highlight=False, markup=False)
 
 
 def _deviation(response: Response) -> float:
