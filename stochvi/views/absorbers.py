@@ -1,26 +1,43 @@
-"""Tables and pictures of absorbers. Chapters: performance and design; an absorber under a sine."""
+"""Descriptions of absorbers. Chapters: performance over levels; the best box for a mass; absorbers
+under a sine; pages; pictures."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stochvi.absorbers.design import tuned_key
+from stochvi.absorbers.design import AbsorberSine, Design, tuned_key
 from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.units import ACCELERATION, FORCE, LENGTH
+from stochvi.results.estimates import Estimate
+from stochvi.results.files import Origin, origin_of
 from stochvi.views.axes import COLOURS, add_grid, axes_or_new, length_unit, plain_ticks
-from stochvi.views.tables import Heading, print_frame, spoken_length, with_error, with_headings
+from stochvi.views.pages import (
+    Fact,
+    Grid,
+    Page,
+    Section,
+    Told,
+    page_of,
+    printed,
+    shown,
+    write_page,
+)  # fmt: skip
+from stochvi.views.tables import UNKNOWN, plus_minus, spoken_length, with_error
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
-    from rich.console import Console
 
-    from stochvi.absorbers.design import AbsorberSine, Design, ResidualCurve
+    from stochvi.absorbers.design import ResidualCurve
     from stochvi.absorbers.performance import AbsorberReport, Performance, TunedDamper
+    from stochvi.results.estimates import Cost
+    from stochvi.scenes.scene import Scene
+
 
 SURE = 4.0
 """Number of standard errors by which a ratio must exceed 1 for the verdict that an absorber does
@@ -32,30 +49,22 @@ SIZE = (7.0, 4.2)
 RATIO_LABEL = "rms displacement with / without absorber"
 
 
-def print_absorber(console: Console, found: AbsorberReport) -> None:
-    """Print the verdict, a row for each level, and an explanation of the columns."""
-    import pandas as pd
+# ------------------------------------------------------------------------------
+# Performance over levels.
+# ------------------------------------------------------------------------------
 
-    console.print(verdict(found), style="bold", highlight=False)
-    rows = [_level_row(each) for each in found.performances]
-    print_frame(console, pd.DataFrame(rows), f"motion of {found.carrier!r}, by level")
-    rows = [_impact_row(each) for each in found.performances]
-    print_frame(console, pd.DataFrame(rows), "impacts, by level")
-    if found.tuned_damper is not None:
-        console.print(tuned_sentence(found.tuned_damper), highlight=False)
-    for line in (
-        "ratio: rms displacement with the absorber over that without, which is exact; its 95 % "
-        "interval holds the bias of the step",
-        "peak factor: largest displacement from the mean in 100 periods, over the rms",
-        "0.43774(94) is 0.43774 with a standard error of 0.00094",
-        "impacts: on all units together; stop force: mean over time of its magnitude, all stops; "
-        "absorbed: share of the supplied power that impacts take",
-        "peak force: mean over contacts of the largest force in each; largest: of 100 periods, as "
-        "a force and as the acceleration that it gives the structure; rigid stops have neither",
-    ):
-        console.print(line, style="dim", highlight=False)
-    for warning in found.warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+def absorber_told(found: AbsorberReport) -> Told:
+    """The effect of an absorber by level and by play, and that of a tuned damper."""
+    return Told(
+        verdict=verdict(found),
+        sections=[_motion(found), _plays(found), *_tuned(found.tuned_damper), _impacts(found)],
+        warnings=found.warnings,
+        footer=_footer(found.cost),
+    )
+
+
+print_absorber = printed(absorber_told)
 
 
 def verdict(found: AbsorberReport) -> str:
@@ -91,98 +100,497 @@ def tuned_sentence(found: TunedDamper) -> str:
     )
 
 
-def _level_row(each: Performance) -> dict[str, str]:
-    low, high = each.interval()
-    row = {
-        "level (dB)": f"{each.level_db:+g}",
-        "ratio": f"{each.ratio.value:.3f}",
-        "95 % interval": f"{low:.3f} to {high:.3f}",
-        f"rms ({LENGTH})": with_error(LENGTH(each.displacement_std)),
-        f"rms without ({LENGTH})": f"{LENGTH(each.displacement_std_without):.4g}",
-        "peak factor": with_error(each.peak_factor),
-        "peak factor without": with_error(each.peak_factor_without),
+def _motion(found: AbsorberReport) -> Section:
+    """The motion of the structure by level, with and without the absorber."""
+    columns: dict[str, Callable[[Performance], object]] = {
+        "level (dB)": _level,
+        "ratio": lambda each: f"{each.ratio.value:.3f}",
+        "95 % interval": lambda each: "{:.3f} to {:.3f}".format(*each.interval()),
+        f"rms with ({LENGTH})": lambda each: plus_minus(each.displacement_std, LENGTH),
+        f"rms without ({LENGTH})": lambda each: LENGTH(each.displacement_std_without),
+        "peak factor": lambda each: plus_minus(each.peak_factor),
+        "peak factor without": lambda each: plus_minus(each.peak_factor_without),
     }
-    if each.acceleration_std is not None:
-        row[f"abs. acc. ({ACCELERATION})"] = with_error(ACCELERATION(each.acceleration_std))
-        row[f"abs. acc. without ({ACCELERATION})"] = (
-            f"{ACCELERATION(each.acceleration_std_without or 0.0):.3g}"
+    if any(each.acceleration_std is not None for each in found.performances):
+        columns |= {
+            ACCELERATION.heading("abs. acceleration", " rms"): lambda each: plus_minus(
+                each.acceleration_std, ACCELERATION
+            ),
+            ACCELERATION.heading("abs. acceleration without", " rms"): lambda each: ACCELERATION(
+                each.acceleration_std_without or 0.0
+            ),
+        }
+    return Section(
+        title="Motion of the structure",
+        grids=Grid.by(
+            f"motion of {found.carrier!r}, by level of the excitation", columns, _rows(found), 0
+        ),
+        notes=[
+            "Ratio: rms displacement about the mean with the absorber, simulated, over that "
+            "without, which is exact; its 95 % interval holds the bias of the step.",
+            "Peak factor: largest displacement from the mean in 100 periods, over the rms. "
+            "± is half of a 95 % interval.",
+        ],
+        pictures=[shown(lambda: draw_levels(found), "The same over the level, 95 %.")],
+    )
+
+
+def _rows(found: AbsorberReport) -> list[tuple[Performance]]:
+    return [(each,) for each in found.performances]
+
+
+def _level(each: Performance) -> str:
+    return f"{each.level_db:+g}"
+
+
+def _impacts(found: AbsorberReport) -> Section:
+    """Impacts, forces and powers by level; the peaks of contacts where stops are compliant."""
+    columns: dict[str, Callable[[Performance], object]] = {
+        "level (dB)": _level,
+        "impacts per period": lambda each: plus_minus(each.impacts_per_period),
+        f"stop force ({FORCE})": lambda each: plus_minus(each.wall_force, FORCE),
+        "impulse (N s)": lambda each: plus_minus(each.impulse),
+        "absorbed": lambda each: plus_minus(each.absorbed_share),
+    }
+    notes = [
+        "Impacts on all units together, faster than the threshold that the warnings name; forces "
+        "and powers count all. Stop force: mean over time of its magnitude, all stops. Absorbed: "
+        "share of the supplied power that impacts take.",
+    ]
+    if any(each.wall_force_largest is not None for each in found.performances):
+        columns |= {
+            f"peak of a contact ({FORCE})": lambda each: plus_minus(each.wall_force_peak, FORCE),
+            f"largest ({FORCE})": lambda each: plus_minus(each.wall_force_largest, FORCE),
+            f"largest ({ACCELERATION})": lambda each: plus_minus(
+                each.wall_acceleration_largest, ACCELERATION
+            ),
+        }
+        notes.append(
+            "Peak of a contact: mean over contacts of the largest force in each. Largest: of 100 "
+            "periods, as a force and as the acceleration that it alone gives the structure."
         )
-    return row
-
-
-def _impact_row(each: Performance) -> dict[str, str]:
-    row = {
-        "level (dB)": f"{each.level_db:+g}",
-        "impacts per period": with_error(each.impacts_per_period),
-        f"stop force ({FORCE})": with_error(FORCE(each.wall_force)),
-        "impulse (N s)": with_error(each.impulse),
-        "absorbed": with_error(each.absorbed_share),
-    }
-    if each.wall_force_peak and each.wall_force_largest and each.wall_acceleration_largest:
-        row[f"peak force ({FORCE})"] = with_error(FORCE(each.wall_force_peak))
-        row[f"largest ({FORCE})"] = with_error(FORCE(each.wall_force_largest))
-        row[f"largest ({ACCELERATION})"] = with_error(ACCELERATION(each.wall_acceleration_largest))
-    return row
-
-
-def print_design(console: Console, found: Design) -> None:
-    """Print the best box, the best box for a range of levels, and the candidates."""
-    best, robust = found.best, found.robust
-    units = "one unit" if found.units == 1 else f"{found.units} units"
-    console.print(
-        f"best: {units}, restitution {found.restitution:g}, play {spoken_length(best.play)} "
-        f"(95 % interval {LENGTH(best.play_low):.4g} to {LENGTH(best.play_high):.4g}; as good "
-        f"within its error: {LENGTH(best.low):.4g} to {LENGTH(best.high):.4g}), rms ratio "
-        f"{with_error(best.ratio)}",
-        style="bold",
-        highlight=False,
-    )
-    console.print(
-        f"for levels from -{found.level_range_db:g} to +{found.level_range_db:g} dB: play "
-        f"{spoken_length(robust.play)}, rms ratio at worst {with_error(robust.ratio)}",
-        highlight=False,
-    )
-    if found.tuned_damper is not None:
-        console.print(tuned_sentence(found.tuned_damper), highlight=False)
-    columns: dict[str, Heading] = {
-        "restitution": "restitution",
-        "units": "units",
-        "play": ("play ()", LENGTH),
-        "play_in_sigma": "play/sigma",
-        "rms_ratio": "rms ratio",
-        "rms_ratio_error": "its error",
-    }
-    print_frame(console, with_headings(found.candidates, columns), CANDIDATES)
-    if rivals := rivals_in_words(found):
-        console.print(rivals, highlight=False)
-    console.print(
-        f"sigma = {spoken_length(found.sigma)}, rms displacement without absorber; total play, "
-        "stop to stop",
-        style="dim",
-        highlight=False,
+    return Section(
+        title="Impacts",
+        grids=Grid.by("impacts, by level of the excitation", columns, _rows(found), 0),
+        notes=notes,
     )
 
 
-CANDIDATES = (
-    "candidates: the best one after a second, closer search, the others after the first one"
-)
-"""Heading of the table of candidates."""
+def _plays(found: AbsorberReport) -> Section:
+    """The rms ratio against play."""
+    title = "Play of the box"
+    if not found.play_curve:
+        return Section(
+            title=title,
+            lead="The ratio at other plays does not follow from the levels: a load, or a stop "
+            "whose stiffness depends on its deflection, sets a length of its own. `stochvi sweep "
+            "--vary absorber.play=...` simulates other plays.",
+        )
+    return Section(
+        title=title,
+        lead="The motion scales: a level raised by 6 dB acts like half the play. The levels above "
+        "therefore give the ratios of boxes of other plays at the level of the scene.",
+        grids=Grid.by(
+            "boxes of other plays, at the level of the scene",
+            {
+                f"play ({LENGTH})": lambda each: None if each.play is None else LENGTH(each.play),
+                "over this box's": lambda each: f"{each.play_factor:.3g}",
+                "ratio": lambda each: f"{each.ratio.value:.3f}",
+                "95 % interval": lambda each: f"{each.low:.3f} to {each.high:.3f}",
+            },
+            [(each,) for each in found.play_curve],
+            0,
+        ),
+        pictures=[shown(lambda: draw_plays(found), "rms ratio over the play of the box, 95 %.")],
+    )
 
 
-def rivals_in_words(found: Design) -> str:
-    """The candidates about as good as the best one; empty without any."""
+def _tuned(found: TunedDamper | None) -> list[Section]:
+    """The tuned damper of the same mass, where it is known."""
+    if found is None:
+        return []
+    return [
+        Section(
+            title="Tuned damper of the same mass",
+            facts=[
+                Fact("Mass", f"{found.mass:.4g} kg"),
+                Fact("Spring", f"{found.stiffness:.4g} N/m", f"{found.frequency_hz:.4g} Hz"),
+                Fact("Dashpot", f"{found.damping:.4g} N s/m", f"damping ratio {found.zeta:.3g}"),
+                Fact(
+                    "Stroke", f"{spoken_length(found.stroke_std)} rms", "relative to the structure"
+                ),
+            ],
+            notes=[
+                f"{tuned_sentence(found)} It is linear: it works at every level, but only at the "
+                "frequency that it is tuned to."
+            ],
+        )
+    ]
+
+
+# ------------------------------------------------------------------------------
+# The best box for a mass.
+# ------------------------------------------------------------------------------
+
+
+def design_told(found: Design) -> Told:
+    """The best box, the best box for a range of levels, and the candidates."""
+    return Told(
+        verdict=f"{_count(found.units, 'unit')}, restitution {found.restitution:g}, total play "
+        f"{spoken_length(found.best.play)}: rms displacement "
+        f"{100.0 * found.best.ratio.value:.1f} % of that without absorber",
+        sections=[
+            Section(
+                title="Choice of the box",
+                lead="Each point is a simulation with the same random numbers; the best play is "
+                "that of the curve through the points, its interval that of curves drawn within "
+                "their errors. One curve holds all levels: a level raised by 20 log r decibels "
+                "acts like a play r times smaller.",
+                grids=[*_boxes(found), *_candidates(found)],
+                notes=[
+                    *rivals_in_words(found),
+                    f"Sigma = {spoken_length(found.sigma)}, the rms displacement without absorber; "
+                    "play is total, from stop to stop.",
+                ],
+                pictures=[
+                    shown(lambda: draw_design(found), "rms ratio over play; bars: two errors.")
+                ],
+            ),
+            *_tuned(found.tuned_damper),
+        ],
+        footer=_footer(found.cost),
+    )
+
+
+print_design = printed(design_told)
+
+
+def _count(number: int, words: str) -> str:
+    return f"one {words}" if number == 1 else f"{number} {words}s"
+
+
+def _boxes(found: Design) -> list[Grid]:
+    return Grid.by(
+        "best boxes",
+        {
+            "for": lambda name, _: name,
+            f"play ({LENGTH})": lambda _, box: LENGTH(box.play),
+            "95 % interval": lambda _, box: _span(box.play_low, box.play_high),
+            "as good within its error": lambda _, box: _span(box.low, box.high),
+            "rms ratio": lambda _, box: plus_minus(box.ratio),
+        },
+        [
+            ("this level", found.best),
+            (f"the worst of ± {found.level_range_db:g} dB", found.robust),
+        ],
+    )
+
+
+def _span(low: float, high: float) -> str:
+    return f"{LENGTH(low):.4g} to {LENGTH(high):.4g}"
+
+
+def _candidates(found: Design) -> list[Grid]:
+    return Grid.by(
+        "candidates: the best one after a second, closer search, the others after the first one",
+        {
+            "restitution": lambda each: each["restitution"],
+            "units": lambda each: f"{each['units']:g}",
+            f"play ({LENGTH})": lambda each: LENGTH(each["play"]),
+            "play/sigma": lambda each: each["play_in_sigma"],
+            "rms ratio": lambda each: plus_minus(
+                Estimate(value=each["rms_ratio"], standard_error=each["rms_ratio_error"])
+            ),
+        },
+        [(each,) for each in found.candidates.to_dict("records")],
+        0,
+    )
+
+
+def rivals_in_words(found: Design) -> list[str]:
+    """The candidates about as good as the best one, in a sentence; none without any."""
     best = found.best.ratio
     near = [
-        f"restitution {each['restitution']:g} with {each['units']:g} unit(s)"
+        f"restitution {each['restitution']:g} with {_count(int(each['units']), 'unit')}"
         for each in found.candidates.iloc[1:].to_dict("records")
         if each["rms_ratio"] - best.value
         < SIGNIFICANT * math.hypot(each["rms_ratio_error"], best.standard_error)
     ]
-    return f"as good within their errors: {', '.join(near)}" if near else ""
+    return [f"As good within their errors: {', '.join(near)}."] if near else []
 
 
 SIGNIFICANT = 2.0
 """Number of standard errors of a difference above which two candidates differ clearly."""
+
+
+# ------------------------------------------------------------------------------
+# An absorber under a sine.
+# ------------------------------------------------------------------------------
+
+
+def absorber_sine_told(found: AbsorberSine) -> Told:
+    """The vibration that is left over frequency, and the best tuning."""
+    return Told(
+        verdict=found.summary(),
+        sections=[
+            Section(
+                title="Residual vibration",
+                grids=[*_ranges(found), *_tunings(found)],
+                notes=[
+                    "Ratio: largest displacement with the absorber over that without; the least "
+                    "and the largest of the motions that may last.",
+                    "Regime: one with impacts is stable. Idle: loose masses may rest in their "
+                    "boxes, and do nothing. Clusters: no regime is reached, impacts come and go; "
+                    "their ratio is that of simulated sweeps, the others are exact.",
+                ],
+                pictures=[
+                    shown(
+                        lambda: draw_absorber_sine(found),
+                        "Largest and least ratio of the motions that may last.",
+                    )
+                ],
+            ),
+        ],
+        warnings=found.warnings,
+        footer=[f"calculated in {found.cost.wall_time:.3g} s"],
+    )
+
+
+print_absorber_sine = printed(absorber_sine_told)
+
+
+def _ranges(found: AbsorberSine) -> list[Grid]:
+    """Ranges of frequency over which the same motions may last, with the ratios in each."""
+    curve = found.frequency
+    kinds = [_lasting(curve, number) for number in range(len(curve.value))]
+    starts = [0, *(n for n in range(1, len(kinds)) if kinds[n] != kinds[n - 1]), len(kinds)]
+    return Grid.by(
+        f"motion of {found.carrier!r} over frequency",
+        {
+            "what may last": lambda first, _: kinds[first],
+            "from (Hz)": lambda first, _: float(curve.value[first]),
+            "to (Hz)": lambda _, end: float(curve.value[end - 1]),
+            f"without ({LENGTH})": lambda a, b: float(LENGTH(np.max(curve.without[a:b]))),
+            "least ratio": lambda a, b: float(np.min(curve.best[a:b])),
+            "largest ratio": lambda a, b: float(np.max(curve.worst[a:b])),
+        },
+        pairwise(starts),
+    )
+
+
+def _tunings(found: AbsorberSine) -> list[Grid]:
+    """A row for each number that is tuned: its best value and the ratio there."""
+    return Grid.by(
+        "best tuning at the frequency of the scene",
+        {
+            "what": lambda curve, _: _name(curve),
+            "what may last": _lasting,
+            "best": lambda curve, at: float(_shown(curve)[at]),
+            "ratio": lambda curve, at: float(curve.worst[at]),
+            "first harmonics": lambda curve, at: float(curve.first_harmonic[at]),
+        },
+        [(curve, curve.tuned) for curve in found.tuning],
+        2,
+    )
+
+
+def _lasting(curve: ResidualCurve, number: int) -> str:
+    seen = {
+        "regime": curve.stable[number],
+        "clusters": not curve.periodic[number],
+        "idle": curve.idle[number],
+    }
+    return ", ".join(name for name, there in seen.items() if there) or "no impacts"
+
+
+def _name(curve: ResidualCurve) -> str:
+    """The name of the varied number, with its unit where that is known."""
+    if curve.key == "frequency_hz":
+        return "frequency (Hz)"
+    name, quantity = tuned_key(curve.key)
+    return quantity.heading(name)
+
+
+def _shown(curve: ResidualCurve) -> Vector:
+    """The varied numbers in the unit that is shown."""
+    known = curve.key == "frequency_hz"
+    shown: Vector = curve.value if known else tuned_key(curve.key)[1](curve.value)
+    return shown
+
+
+# ------------------------------------------------------------------------------
+# Pages.
+# ------------------------------------------------------------------------------
+
+
+def write_absorber_report(
+    found: AbsorberReport | AbsorberSine | Design, folder: str | Path, origin: Origin | None = None
+) -> Path:
+    """Write `report.html`, a page that needs no other file, and `absorber.json`, its numbers;
+    returns the path of the page."""
+    origin = origin or origin_of(found.provenance)
+    if isinstance(found, Design):
+        page = design_page(found, origin)
+    elif isinstance(found, AbsorberSine):
+        page = sine_page(found, origin)
+    else:
+        page = performance_page(found, origin)
+    return write_page(page, found.to_dict(), "absorber", Path(folder))
+
+
+def performance_page(found: AbsorberReport, origin: Origin) -> Page:
+    """The page of the performance of an absorber over levels."""
+    central = found.central
+    low, high = central.interval()
+    absorbed = central.absorbed_share
+    return page_of(
+        absorber_told(found),
+        found.scene.title or "Impact absorber",
+        f"Effect of loose masses in boxes on {found.carrier!r} under random excitation",
+        [
+            Fact(
+                "rms displacement",
+                f"{100.0 * central.ratio.value:.1f} %",
+                f"of that without absorber; {100.0 * low:.1f} to {100.0 * high:.1f} % (95 %)",
+            ),
+            _tuned_card(found.tuned_damper),
+            Fact("Mass", f"{100.0 * found.mass_ratio:.3g} %", "absorber over structure"),
+            Fact(
+                "Impacts",
+                f"{central.impacts_per_period.value:.2g} per period",
+                "of the structure's motion, all units together",
+            ),
+            Fact(
+                "Absorbed",
+                UNKNOWN if absorbed is None else f"{100.0 * absorbed.value:.0f} %",
+                "of the power that the excitation supplies",
+            ),
+        ],
+        origin,
+        [
+            _scene(found.scene),
+            _verification(found),
+            _limits(
+                "Stationary values of a linear structure.",
+                "The peak force on a rigid stop is not known: it needs the stop's stiffness.",
+                "The absorber is taken to move already: from exact rest in a wide box a mass lies "
+                "idle until the structure first reaches it.",
+            ),
+        ],
+    )
+
+
+def sine_page(found: AbsorberSine, origin: Origin) -> Page:
+    """The page of an absorber under a sine."""
+    curve = found.frequency
+    left = curve.worst * curve.without  # nan where nothing lasts
+    return page_of(
+        absorber_sine_told(found),
+        found.scene.title or "Impact absorber under a sine",
+        f"Residual vibration of {found.carrier!r} with loose masses in boxes",
+        [
+            Fact("Mass", f"{100.0 * found.mass_ratio:.3g} %", "absorber over structure"),
+            Fact("Without", spoken_length(float(curve.without.max())), "largest displacement"),
+            Fact(
+                "With",
+                UNKNOWN if np.isnan(left).all() else spoken_length(float(np.nanmax(left))),
+                "the largest displacement that may last",
+            ),
+        ],
+        origin,
+        [
+            _scene(found.scene),
+            _limits("Rigid stops, no friction; the noise of the scene is left out."),
+        ],
+    )
+
+
+def design_page(found: Design, origin: Origin) -> Page:
+    """The page of the best box for a mass."""
+    best, robust = found.best, found.robust
+    return page_of(
+        design_told(found),
+        found.scene.title or "Design of an impact absorber",
+        f"The best box for {found.mass:.4g} kg in all",
+        [
+            Fact(
+                "Total play, stop to stop",
+                spoken_length(best.play),
+                f"{best.play / found.sigma:.2f} times the rms displacement without absorber",
+            ),
+            Fact(
+                "As good within its error",
+                LENGTH.span(best.low, best.high, ".3g"),
+                "the optimum is broad: the box need not be built more exactly",
+            ),
+            Fact("rms displacement", f"{100.0 * best.ratio.value:.1f} %", "of that without"),
+            _tuned_card(found.tuned_damper),
+            Fact(
+                f"For levels of ± {found.level_range_db:g} dB",
+                spoken_length(robust.play),
+                f"at worst {100.0 * robust.ratio.value:.1f} % of that without",
+            ),
+        ],
+        origin,
+        [
+            _scene(found.scene),
+            _limits(
+                "Stationary values of a linear structure and rigid stops, without friction and "
+                "gravity."
+            ),
+        ],
+    )
+
+
+def _tuned_card(found: TunedDamper | None) -> Fact:
+    """The ratio that a tuned damper of the same mass leaves."""
+    if found is None:
+        return Fact("Tuned damper", UNKNOWN, "for several coordinates under a sine")
+    return Fact("Tuned damper", f"{100.0 * found.ratio:.1f} %", "with the same mass, instead")
+
+
+def _scene(scene: Scene) -> Section:
+    masses, scene = scene.absorber_coordinates, scene.expanded
+    coordinates = scene.structure.coordinates
+    mass = scene.structure.matrices[0]
+    facts = [
+        Fact(name, f"{mass[row, row]:.4g} kg", "absorber" if name in masses else "structure")
+        for row, name in enumerate(coordinates)
+    ]
+    for pair in scene.impact_pairs:
+        stops = ", ".join(
+            f"{side} stop at {LENGTH.text(getattr(pair, side), '+.4g')}, {law.phrase()}"
+            for side, law in pair.stops()
+        )
+        facts.append(Fact(f"Box {pair.name!r}", stops, "relative displacement in the box"))
+    facts += [Fact("Effect", effect) for effect in scene.effects() if "stop" not in effect]
+    return Section(title="Scene", facts=facts)
+
+
+def _verification(found: AbsorberReport) -> Section:
+    central = found.central.response
+    facts = [
+        Fact(f"Balance of {name}", with_error(residual), "relative to its largest term; 0 is right")
+        for name, residual in central.identities.items()
+    ]
+    return Section(
+        title="Verification",
+        facts=facts,
+        notes=[f"assumed: {text}" for text in central.assumptions],
+    )
+
+
+def _limits(*notes: str) -> Section:
+    return Section(title="Limits", notes=notes)
+
+
+def _footer(cost: Cost) -> list[str]:
+    return [f"{cost.paths} paths, {cost.steps:.3g} steps, {cost.wall_time:.3g} s of simulation"]
+
+
+# ------------------------------------------------------------------------------
+# Pictures.
+# ------------------------------------------------------------------------------
 
 
 def draw_levels(found: AbsorberReport, ax: Axes | None = None) -> Axes:
@@ -277,11 +685,6 @@ def draw_design(found: Design, ax: Axes | None = None) -> Axes:
     return ax
 
 
-# ------------------------------------------------------------------------------
-# Tables and pictures of an absorber under a sine.
-# ------------------------------------------------------------------------------
-
-
 PANEL = (7.0, 3.2)
 """Width of a figure and height of each of its panels, inches."""
 
@@ -289,89 +692,6 @@ LABEL = "largest displacement\nwith / without absorber"
 
 LOWEST = 1e-3
 """Smallest ratio that a picture shows."""
-
-
-def print_absorber_sine(console: Console, found: AbsorberSine) -> None:
-    """Print the vibration that is left over frequency, the best tuning, and the meanings of the
-    columns."""
-    console.print(found.summary(), style="bold", highlight=False)
-    print_frame(console, ranges(found.frequency), f"motion of {found.carrier!r} over frequency")
-    if found.tuning:
-        print_frame(console, tunings(found), "best tuning at the frequency of the scene")
-    for line in (
-        "ratio: largest displacement with the absorber over that without; the least and the "
-        "largest of the motions that may last",
-        "regime: one with impacts is stable; idle: loose masses may rest in their boxes, and do "
-        "nothing; clusters: no regime is reached, impacts come and go",
-    ):
-        console.print(line, style="dim", highlight=False)
-    for warning in found.warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False)
-
-
-def ranges(curve: ResidualCurve) -> pd.DataFrame:
-    """Ranges of values over which the same motions may last, with the ratios in each."""
-    import pandas as pd
-
-    kinds = [_lasting(curve, number) for number in range(len(curve.value))]
-    starts = [0, *(n for n in range(1, len(kinds)) if kinds[n] != kinds[n - 1]), len(kinds)]
-    rows = []
-    for first, end in pairwise(starts):
-        part = slice(first, end)
-        rows.append(
-            {
-                "from (Hz)": curve.value[first],
-                "to (Hz)": curve.value[end - 1],
-                "what may last": kinds[first],
-                f"without ({LENGTH})": LENGTH(np.max(curve.without[part])),
-                "least ratio": np.min(curve.best[part]),
-                "largest ratio": np.max(curve.worst[part]),
-            }
-        )
-    return pd.DataFrame(rows)
-
-
-def tunings(found: AbsorberSine) -> pd.DataFrame:
-    """A row for each number that is tuned: its best value and the ratio there."""
-    import pandas as pd
-
-    rows = []
-    for curve in found.tuning:
-        at = curve.tuned
-        rows.append(
-            {
-                "what": _name(curve),
-                "best": _shown(curve)[at],
-                "ratio": curve.worst[at],
-                "first harmonics": curve.first_harmonic[at],
-                "what may last": _lasting(curve, at),
-            }
-        )
-    return pd.DataFrame(rows)
-
-
-def _lasting(curve: ResidualCurve, number: int) -> str:
-    seen = {
-        "regime": curve.stable[number],
-        "bursts": not curve.periodic[number],
-        "idle": curve.idle[number],
-    }
-    return ", ".join(name for name, there in seen.items() if there) or "no impacts"
-
-
-def _name(curve: ResidualCurve) -> str:
-    """The name of the varied number, with its unit where that is known."""
-    if curve.key == "frequency_hz":
-        return "frequency (Hz)"
-    name, quantity = tuned_key(curve.key)
-    return quantity.heading(name)
-
-
-def _shown(curve: ResidualCurve) -> Vector:
-    """The varied numbers in the unit that is shown."""
-    known = curve.key == "frequency_hz"
-    shown: Vector = curve.value if known else tuned_key(curve.key)[1](curve.value)
-    return shown
 
 
 def draw_absorber_sine(found: AbsorberSine) -> Axes:
@@ -405,9 +725,9 @@ def plot_residual(curve: ResidualCurve, ax: Axes) -> Axes:
         x, curve.first_harmonic, f":{marker}", color=COLOURS["exact"],
         label="first harmonics, stable regime",
     )  # fmt: skip
-    bursts = ~curve.periodic
+    clusters = ~curve.periodic
     ax.semilogy(
-        x[bursts], worst[bursts], ".", color=COLOURS["linearise:closure"], label="bursts"
+        x[clusters], worst[clusters], ".", color=COLOURS["linearise:closure"], label="clusters"
     )  # fmt: skip
     ax.axhline(1.0, color=COLOURS["stop"], linestyle="--", linewidth=1.0)
     if len(x) > 1 and x[0] > 0.0 and x[-1] / x[0] > 5.0:

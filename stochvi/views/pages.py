@@ -310,6 +310,19 @@ class Page(Told):
         return environment.get_template(TEMPLATE).render(page=self, sections=kept) + "\n"
 
 
+def page_of(
+    told: Told, title: str, subtitle: str, cards: Sequence[Fact], origin: Origin,
+    sections: Sequence[Section] = (),
+) -> Page:  # fmt: skip
+    """The page of a description, with more sections behind its own."""
+    own = vars(told) | {
+        "verdict": sentence(told.verdict),
+        "statements": [*map(sentence, told.statements)],
+        "sections": [*told.sections, *sections],
+    }
+    return Page(title=title, subtitle=subtitle, cards=cards, origin=origin, **own)
+
+
 def _tied(value: object) -> object:
     """Text with blanks that keep a number and its unit on one line; other values as they are."""
     plain = isinstance(value, str) and not hasattr(value, "__html__")

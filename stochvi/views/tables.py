@@ -474,6 +474,23 @@ def with_interval(estimate: Estimate | None, quantity: ShownQuantity = NUMBER) -
     return f"{value:.{places}f}\n{value - half:.{places}f} to {value + half:.{places}f}"
 
 
+def plus_minus(estimate: Estimate | None, quantity: ShownQuantity = NUMBER) -> str:
+    """A value with half of its 95 % interval; an upper limit where nothing was seen.
+
+    >>> plus_minus(Estimate(value=0.2498, standard_error=0.0096)), plus_minus(None)
+    ('0.250 ± 0.019', 'not known')
+    """
+    if estimate is None:
+        return UNKNOWN
+    if estimate.upper_95 is not None:
+        return f"at most {quantity(estimate.upper_95):.2g}"
+    value, half = quantity(estimate.value), quantity(estimate.half_width_95())
+    places = 1 - math.floor(math.log10(half)) if half else -1
+    if not 0 <= places <= MOST_PLACES:
+        return f"{value:.4g}" + (f" ± {half:.2g}" if half else "")
+    return f"{value:.{places}f} ± {half:.{places}f}"
+
+
 def with_error(estimate: Estimate | None) -> str:
     """A value with its standard error in brackets, as on a terminal.
 

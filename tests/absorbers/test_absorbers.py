@@ -67,8 +67,7 @@ from stochvi.scenes.impact_laws import Hertz
 from stochvi.scenes.structures import Matrices
 from stochvi.testing import assert_agrees
 from stochvi.verification.testing.judging import Z
-from stochvi.views.absorbers import verdict
-from stochvi.views.report.absorber import design_page
+from stochvi.views.absorbers import design_page, verdict
 from support import judges
 from support.accuracies import quick_cases, rel_errors
 from support.bounces import Bounces

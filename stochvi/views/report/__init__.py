@@ -1,6 +1,6 @@
 """Reports: one page that holds a verdict, its evidence and its limits."""
 
-from stochvi.views.report.absorber import write_absorber_report
+from stochvi.views.absorbers import write_absorber_report
 from stochvi.views.report.missions import (
     write_clearance_report,
     write_reliability_report,
