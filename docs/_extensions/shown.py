@@ -35,13 +35,17 @@ NUMBER = re.compile(
 )
 """Pattern of a number, with its standard error in brackets and its bias where these are stated."""
 
+INTERVAL = re.compile(r"(\d[\d.e-]*)(?: %)? \((\d[\d.e-]*)(?: %)? to (\d[\d.e-]*)")
+"""Pattern of a number with its 95 % interval."""
+
 TIMES = re.compile(
-    r"^cost: .*(?:\n(?!\w+:).+)*|, [\d.e+]+ ns a step here|: about [\d.]+ s\b|"
-    r"\b(?:phases|levels|first crossings) +[\d.]+",
+    r"^cost: .*(?:\n(?!\w+:).+)*|, [\d.e+]+ ns a step here|: about [\d.]+ s\b|(?<=, 95 %)  .*$",
     flags=re.MULTILINE,
 )
-"""Pattern of what depends on the speed of the machine, and is not compared. The cost of an answer
-takes one line or two, as long as its numbers are: it ends at the next line with a keyword."""
+"""Pattern of what depends on the speed of the machine, and is not compared: behind the interval of
+a probability stand its bias, the missions that a pilot chose, and CPU seconds. The cost of an
+answer takes one line or two, as long as its numbers are: it ends at the next line with a
+keyword."""
 
 WIDTH = 100
 """Width of the terminal, characters."""
@@ -106,11 +110,14 @@ def differences(shown: str, now: str) -> list[str]:
     """Sentences on what differs between a page and what is printed now, but for the time it took.
 
     Numbers may differ by `Z` standard errors of a difference of two runs. A number that states no
-    error gets the largest relative error of the output, as it comes from the same sample; where no
-    number states one, it gets one unit of its last digit. Beside a standard error a bias may be
-    left out, as one is that is small: it may differ by one error.
+    error gets the largest relative error of the output, as it comes from the same sample, by a
+    standard error or by an interval; where there is none, it gets one unit of its last digit.
+    Beside a standard error a bias may be left out, as one is that is small: it may differ by one
+    error.
 
     >>> differences("12 impacts, 607(20)", "12 impacts, 601(20)")
+    []
+    >>> differences("12 impacts, 10 % (9 % to 11 %, 95 %)", "13 impacts, 9.8 % (9 % to 11 %, 95 %)")
     []
     >>> differences("12 impacts", "14 impacts")
     ['got 14, the page has 12']
@@ -124,6 +131,10 @@ def differences(shown: str, now: str) -> list[str]:
         return [f"got the words: {' '.join(now.split()[max(place - 4, 0) : place + 5])}"]
     pairs = list(zip(NUMBER.finditer(shown), NUMBER.finditer(now), strict=True))
     relative = [_error(one) / abs(_value(one)) for one, _ in pairs if one["error"] and _value(one)]
+    relative += [
+        (float(high) - float(low)) / (2.0 * 1.96 * float(value))
+        for value, low, high in INTERVAL.findall(shown)
+    ]
     typical = max(relative, default=0.0)
     found = []
     for one, other in pairs:

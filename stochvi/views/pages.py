@@ -95,6 +95,21 @@ class Grid:
         headings = [*columns]
         return [cls(caption=caption, headings=headings, rows=found, words=words, alarms=alarms)]
 
+    @classmethod
+    def across(cls, caption: str, corner: str, cells: Mapping[tuple[str, str], str]) -> list[Self]:
+        """A table of cells by the words of their row and the heading of their column, - where
+        there is no cell; none without cells.
+
+        >>> Grid.across("of", "n", {("a", "x"): "1", ("b", "x"): "2", ("b", "y"): "3"})[0].rows
+        [['a', '1', '-'], ['b', '2', '3']]
+        """
+        headings = dict.fromkeys(heading for _, heading in cells)
+        rows = [
+            [words, *(cells.get((words, heading), NO_VALUE) for heading in headings)]
+            for words in dict.fromkeys(words for words, _ in cells)
+        ]
+        return [cls(caption=caption, headings=[corner, *headings], rows=rows)] if rows else []
+
 
 def _cell(value: object, form: str) -> str:
     if value is None or (isinstance(value, float) and math.isnan(value)):
@@ -241,7 +256,7 @@ def print_told(console: Console, told: Told) -> None:
         style = "bold red" if told.alarm else "bold"
         console.print(told.verdict, style=style, highlight=False, markup=False)
     for line in told.statements:
-        print_line(console, line)
+        console.print(line, highlight=False, markup=False)
     for section in told.sections:
         for grid in section.grids:
             _print_grid(console, grid)

@@ -32,7 +32,6 @@ from stochvi.views.isolator_tables import (
     plot_pairs_risk,
     plot_production,
 )
-from stochvi.views.report.missions import plot_chances
 from stochvi.views.sine import (
     draw_bifurcation,
     plot_basins,
@@ -45,6 +44,7 @@ from stochvi.views.statistics import (
     draw_impacts,
     draw_spectrum,
     plot_bumper_map,
+    plot_chances,
     plot_curve,
     plot_damage,
     plot_histogram,

@@ -54,7 +54,7 @@ PANELS = {
 def sine_told(found: HarmonicResponse) -> Told:
     """What was found, the branches, the jumps and the special points."""
     name = _name(found)
-    # of a branch that nowhere keeps to its stops all is shown
+    # a branch that nowhere keeps to its stops is shown as a whole
     branches = [
         (number, each, each.admissible | (not each.admissible.any()))
         for number, each in enumerate(found.branches)

@@ -1,12 +1,12 @@
 """Views of statistics. Chapters: response spectra; impacts; damage of equipment; the bumper map;
-tables of spectra, impacts and reliability."""
+tables of spectra and impacts; the risk of a mission."""
 
 from __future__ import annotations
 
 import re
 from functools import partial
-from itertools import product
-from typing import TYPE_CHECKING, NamedTuple
+from itertools import chain, product
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -24,14 +24,13 @@ from stochvi.mathematics.units import (
     TIME,
     ShownQuantity,
     Size,
-    shown_as,
+    readable,
     spoken_mission,
 )
-from stochvi.results.base import is_speed, unit_of_limit
+from stochvi.results.base import unit_of_limit
 from stochvi.results.estimates import (
     NEAR_ONE,
     Estimate,
-    format_with_error,
     over_percent,
     spoken_percent,
 )
@@ -41,20 +40,29 @@ from stochvi.views.axes import (
     COLOURS,
     MOST_OF_SPECTRA,
     OWNERS,
+    PAGE,
     TRANSFERS,
     add_grid,
     axes_or_new,
+    label_for_page,
     legend_above,
     limit_decades,
     owner_colours,
     plain_ticks,
 )
-from stochvi.views.pages import Grid, Section, Told, assumed, printed, told_of
+from stochvi.views.pages import (
+    Grid,
+    Section,
+    Told,
+    assumed,
+    print_told,
+    printed,
+    shown,
+    told_of,
+)
 from stochvi.views.tables import (
-    new_table,
-    print_assumptions,
-    print_line,
-    print_table,
+    UNKNOWN,
+    count_of,
     value_with_error,
     way_in_words,
 )
@@ -68,7 +76,7 @@ if TYPE_CHECKING:
     from stochvi.isolators.bumpers import BumperMap
     from stochvi.statistics.damage import Damage, SpectrumValues, TailoredTest
     from stochvi.statistics.impacts import Histogram, ImpactStatistics
-    from stochvi.statistics.reliability import Reliability
+    from stochvi.statistics.reliability import Chance, Reliability
     from stochvi.statistics.spectra import Curve, ResponseSpectrum
 
 
@@ -630,16 +638,8 @@ def _draw_panel(found: BumperMap, panel: Panel, ax: Axes) -> None:
 
 
 # ------------------------------------------------------------------------------
-# Spectra, statistics of impacts and reliability on a terminal.
+# Spectra and statistics of impacts on a terminal.
 # ------------------------------------------------------------------------------
-
-
-STARTS = {"rest": "rest", "stationary": "the stationary motion"}
-"""The starts of a mission in words."""
-
-SURELY = 0.9
-"""Lower end of an interval that reaches to 1, from which on "over" and that end are printed; where
-it is lower the probability is hardly known, and the interval is printed."""
 
 
 def spectrum_told(found: ResponseSpectrum) -> Told:
@@ -680,142 +680,208 @@ def _in_mission(found: ImpactStatistics, mission: float) -> str:
     return "; ".join(sentences)
 
 
-def chance_in_words(value: float, error: float, lower: float) -> str:
-    """A probability with its error; near 1, the number that it exceeds, or its interval where that
-    reaches far below 1."""
-    if value < NEAR_ONE:
-        return format_with_error(value, error)
-    if lower < SURELY:
-        return f"{max(lower, 0.0):.2g} to 1"
-    return over_percent(lower)
+# ------------------------------------------------------------------------------
+# The risk of a mission, and its picture.
+# ------------------------------------------------------------------------------
 
 
-def _print_pairs(console: Console, found: Reliability) -> None:
-    """Print the risk of each of several pairs, and the probabilities for single coordinates and
-    points."""
-    table = new_table(
-        "pair by pair",
-        [
-            "pair",
-            "hit, if it alone had stops",
-            "of first impacts",
-            "expected impacts",
-            f"mean speed ({SPEED})",
-        ],
+EVENTS = {
+    "hit": "any impact",
+    "passage": "any passage of the barrier",
+    "impact_speed": "an impact faster than",
+    "peak_acceleration": "a peak acceleration above",
+}
+"""Events of a mission in words."""
+
+STARTS = {"rest": "rest", "stationary": "the stationary motion"}
+"""The starts of a mission in words."""
+
+SURELY = 0.9
+"""Lower end of an interval that reaches to 1, from which on "over" and that end are told; where it
+is lower the probability is hardly known."""
+
+SMALLEST_DRAWN = 1e-9
+"""Share of the largest probability below which the probability of a phase is left out of the
+picture."""
+
+
+def reliability_told(found: Reliability) -> Told:
+    """The probabilities with their intervals, how each was found, and the expected impacts."""
+    mission, chances = spoken_mission(found.mission), list(found.chances.values())
+    told = [f"{event_in_words(each)}: {chance_of(each)} ({interval_of(each)})" for each in chances]
+    for name, why in found.missing.items():
+        what = "not accurate" if name in found.chances else "not found"
+        told.append(f"{name.replace('_', ' ')}: {what}, {why}")
+    hits = [f"Expected impacts in {mission}: {hits_of_mission(found)}."]
+    limit = found.chances["peak_acceleration"].limit if found.outputs else None
+    crude: dict[str, Callable[..., object]] = {}
+    if any(each.crude_seconds is not None for each in chances):
+        crude["as whole missions"] = lambda chance: _known(chance.crude_seconds, "{:.2g}".format)
+    tables = [
+        Grid.by(
+            "How each probability was found",
+            {
+                "event": event_in_words,
+                "way": lambda chance: way_in_words(chance.way),
+                "probability": chance_of,
+                "interval": interval_of,
+                "bias of the step": lambda chance: _known(
+                    chance.estimate.bias, lambda bias: spoken_percent(bias) if bias else "0"
+                ),
+                "missions, records or repetitions": lambda chance: count_of(float(chance.trials)),
+                "CPU s": lambda chance: f"{chance.seconds:.2g}",
+                **crude,
+            },
+            [(each,) for each in chances],
+            words=2,
+        ),
+        Grid.by(
+            "Phase by phase",
+            {
+                "phase": lambda name, _: name,
+                "duration": lambda _, phase: spoken_mission(phase.mission),
+                **{
+                    event_in_words(each): lambda _, phase, event=event: chance_of(
+                        phase.chances[event]
+                    )
+                    for event, each in found.chances.items()
+                },
+                "expected impacts": lambda _, phase: _known(
+                    phase.hits, lambda hits: count_of(hits.value)
+                ),
+            },
+            found.phases.items(),
+        ),
+        Grid.by(
+            "Pair by pair: the probability of an impact if this pair alone had stops, and its "
+            "share of the first impacts of a mission; its expected impacts there and their mean "
+            "speed, with all stops where they are",
+            {
+                "pair": lambda name, _: name,
+                "probability alone": lambda _, risk: _percent(
+                    risk.probability.value, risk.probability.upper_95
+                ),
+                "of first impacts": lambda _, risk: spoken_percent(risk.share_of_first_hits),
+                "expected impacts": lambda _, risk: _known(risk.expected_hits, _number),
+                f"mean speed ({SPEED})": lambda _, risk: _known(
+                    SPEED(risk.impact_speed_mean), _number
+                ),
+            },
+            found.pairs.items(),
+        ),
+        Grid.by(
+            f"Where an acceleration above {ACCELERATION.text(limit or 0.0)} occurs while a stop is "
+            "touched",
+            {
+                "coordinate or point": lambda name, _: name,
+                "probability": lambda _, chance: _percent(chance.value, chance.upper_95),
+            },
+            found.outputs.items(),
+        ),
+    ]
+    picture = shown(lambda: plot_chances(found), f"Probabilities in {mission}, with intervals.")
+    probabilities = Section(
+        title="Probabilities",
+        lead=f"Intervals at {100.0 * found.confidence:g} % hold the statistical errors alone; a "
+        "probability that was never seen has an upper limit.",
+        grids=[*chain(*tables)],
+        pictures=[picture] if chances else [],
+        notes=[f"{event_in_words(each)}: {each.why}" for each in chances],
     )
-    for name, risk in found.pairs.items():
-        table.add_row(
-            name,
-            _chance(risk.probability),
-            f"{100.0 * risk.share_of_first_hits:.3g} %",
-            _number(risk.expected_hits),
-            _number(SPEED(risk.impact_speed_mean)),
-        )
-    print_table(console, table)
-    if found.outputs:
-        limit = found.chances["peak_acceleration"].limit
-        table = new_table(
-            f"acceleration above {shown_as('m/s^2').text(limit or 0.0, 'g')}",
-            ["coordinate or point", "probability"],
-        )
-        for name, chance in found.outputs.items():
-            table.add_row(name, _chance(chance))
-        print_table(console, table)
-
-
-def _number(estimate: Estimate | None) -> str:
-    """A number with its errors; empty where it is not known."""
-    if estimate is None:
-        return ""
-    if estimate.upper_95 is not None:
-        return f"at most {estimate.upper_95:.3g}"
-    return value_with_error(estimate)
-
-
-def _chance(chance: Estimate) -> str:
-    """A probability with its standard error, or its upper limit."""
-    if chance.upper_95 is not None:
-        return f"at most {chance.upper_95:.3g}" if chance.upper_95 < NEAR_ONE else "unknown"
-    return chance_in_words(
-        chance.value, chance.standard_error, chance.value - chance.half_width_95()
+    return Told(
+        verdict=f"Probability in {mission} of {'; of '.join(told)}.",
+        alarm=bool(found.missing),
+        statements=[] if found.hits is None else hits,
+        sections=[probabilities],
+        warnings=found.warnings,
+        footer=[*assumed(found.assumptions), f"cost: {found.cost.wall_time:.3g} s"],
     )
-
-
-def _print_phases(console: Console, found: Reliability) -> None:
-    """Print the probabilities and the expected impacts of each phase of a mission."""
-    from stochvi.mathematics.units import spoken_mission
-
-    events = [event.replace("_", " ") for event in found.chances]
-    table = new_table("phase by phase", ["phase", "duration", *events, "expected impacts"])
-    for name, phase in found.phases.items():
-        table.add_row(
-            name,
-            spoken_mission(phase.mission),
-            *(
-                f"at most {chance.upper:.3g}"
-                if chance.estimate.value == 0.0
-                else chance_in_words(
-                    chance.estimate.value, chance.estimate.standard_error, chance.lower
-                )
-                for chance in (phase.chances[event] for event in found.chances)
-            ),
-            _number(phase.hits),
-        )
-    print_table(console, table)
 
 
 def print_reliability(console: Console, found: Reliability, limit_in_g: str | None = None) -> None:
-    """Print the probabilities with their intervals, how each was found, and the price.
+    """Print the probabilities of a mission."""
+    print_told(console, reliability_told(found))
 
-    `limit_in_g` is the limit of the acceleration as the user gave it, where that was in g.
-    """
-    from stochvi.mathematics.units import spoken_mission
 
-    title = f"in a mission of {spoken_mission(found.mission)} from {STARTS[found.start]}"
-    percent = f"{100.0 * found.confidence:g} % interval"
-    headings = ["event", "probability", percent, "rel. bias", "way", "CPU s"]
-    compared = any(chance.crude_seconds is not None for chance in found.chances.values())
-    table = new_table(title, [*headings, *["crude"] * compared])
-    for name, chance in found.chances.items():
-        estimate = chance.estimate
-        limit = ""
-        if chance.limit is not None:
-            quantity = shown_as(unit_of_limit(name))
-            limit = f" > {quantity.text(chance.limit, 'g')}"
-            if not is_speed(name) and limit_in_g and quantity.chosen is None:
-                limit = f" > {limit_in_g.removesuffix('g').strip()} g"
-        unseen = estimate.value == 0.0
-        known = estimate.bias is not None and not unseen
-        crude = chance.crude_seconds
-        table.add_row(
-            f"{name.replace('_', ' ')}{limit}",
-            f"at most {chance.upper:.3g} ({100.0 * chance.confidence:g} %)"
-            if unseen
-            else chance_in_words(estimate.value, estimate.standard_error, chance.lower),
-            f"{chance.lower:.3g} to {chance.upper:.3g}",
-            f"{(estimate.bias or 0.0) / estimate.value:.1g}" if known else "unknown",
-            way_in_words(chance.way),
-            f"{chance.seconds:.2g}",
-            *["" if crude is None else f"{crude:.2g}"] * compared,
-        )
-    for name in found.missing:
-        if name != "expected_hits" and name not in found.chances:
-            table.add_row(name.replace("_", " "), "not found")
-    print_table(console, table)
-    if found.phases:
-        _print_phases(console, found)
-    if found.pairs:
-        _print_pairs(console, found)
-    if "expected_hits" in found.missing and found.hits is None:
-        console.print("expected impacts not found", highlight=False)
-    if found.hits is not None and found.hits_interval is not None:
-        lower, upper = found.hits_interval
-        ends = "" if found.hits.upper_95 is not None else f", {lower:.4g} to {upper:.4g}"
-        console.print(f"expected impacts {_number(found.hits)}{ends}", highlight=False)
-    for chance in found.chances.values():
-        print_line(console, f"{chance.event.replace('_', ' ')}: {chance.why}")
-    for warning in found.warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False)
-    print_assumptions(console, found.assumptions)
-    meaning = "; crude: CPU seconds of whole missions for the same error" if compared else ""
-    print_line(console, f"cost: {found.cost.wall_time:.3g} s{meaning}")
+def event_in_words(chance: Chance) -> str:
+    """An event with its limit."""
+    words = EVENTS[chance.event]
+    if chance.limit is None:
+        return words
+    return f"{words} {readable(unit_of_limit(chance.event)).text(chance.limit)}"
+
+
+def chance_of(chance: Chance) -> str:
+    """A probability in words: near 1 the number that it exceeds, and its upper limit where the
+    event was never seen."""
+    value = chance.estimate.value
+    if value > NEAR_ONE:
+        return over_percent(chance.lower) if chance.lower >= SURELY else "hardly known"
+    return _percent(value, None if value > 0.0 else chance.upper)
+
+
+def interval_of(chance: Chance) -> str:
+    """The interval of a probability, with its level."""
+    low = spoken_percent(chance.lower) if chance.lower > 0.0 else "0"
+    return f"{low} to {spoken_percent(chance.upper)}, {100.0 * chance.confidence:g} %"
+
+
+def hits_of_mission(found: Reliability) -> str:
+    """The expected impacts of a mission with their interval."""
+    if found.hits is None:
+        return UNKNOWN
+    if found.hits_interval is None:
+        return count_of(found.hits.value)
+    low, high = found.hits_interval
+    return f"{count_of(found.hits.value)} ({count_of(low)} to {count_of(high)})"
+
+
+def _percent(value: float, limit: float | None) -> str:
+    """A probability, or its upper limit where there is one; unknown where that is nearly 1."""
+    if limit is None:
+        return spoken_percent(value)
+    return UNKNOWN if limit > NEAR_ONE else f"below {spoken_percent(limit)}"
+
+
+def _known(value: Any, form: Callable[[Any], str]) -> str:
+    """A value in a form, where it is known."""
+    return UNKNOWN if value is None else form(value)
+
+
+def _number(estimate: Estimate) -> str:
+    """A number with its 95 % half width."""
+    if estimate.upper_95 is not None:
+        return f"below {estimate.upper_95:.3g}"
+    return f"{estimate.value:.3g} ± {estimate.half_width_95():.2g}"
+
+
+def plot_chances(found: Reliability, ax: Axes | None = None) -> Axes:
+    """Each probability with its interval on a logarithmic axis; an upper limit as an arrow. Those
+    of phases stand below those of the whole mission."""
+    ax = axes_or_new(ax, PAGE)
+    drawn = [(event_in_words(chance), chance) for chance in found.chances.values()]
+    least = SMALLEST_DRAWN * max((chance.upper for _, chance in drawn), default=0.0)
+    for name, phase in found.phases.items():
+        drawn += [
+            (f"{name}, {event_in_words(chance)}", chance)
+            for chance in phase.chances.values()
+            if chance.upper > least
+        ]
+    for place, (words, chance) in enumerate(reversed(drawn)):
+        value, low, high = chance.estimate.value, chance.lower, chance.upper
+        if value > 0.0:
+            bars = [[value - low], [max(high - value, 0.0)]]
+            ax.errorbar([value], [place], xerr=bars, fmt="o", capsize=4, color=COLOURS["simulate"])
+        else:
+            ax.plot([high], [place], marker="<", markersize=9, color=COLOURS["simulate"])
+        # at the left edge, as a long text about its point would leave the picture
+        ax.annotate(
+            f"{words}: {chance_of(chance)}", (0.01, place), xytext=(0, 9), fontsize="small",
+            xycoords=ax.get_yaxis_transform(), textcoords="offset points",
+        )  # fmt: skip
+    ax.set_xscale("log")
+    ax.margins(x=0.2)
+    ax.set_ylim(-0.6, len(drawn) - 0.2)
+    ax.set_yticks([])
+    label_for_page(ax, f"probability in {spoken_mission(found.mission)}", "", legend=False)
+    return ax

@@ -4,6 +4,8 @@ explanations; the law of a stop from a test; replays."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,28 +56,24 @@ from stochvi.views.axes import (
     seconds_of,
     thinned,
 )
+from stochvi.views.pages import Grid, Section, Told, print_told, printed
 from stochvi.views.tables import (
     NO_VALUE,
     QUANTITY_NAMES,
     UNKNOWN,
     effects_in_words,
-    formatted_cell,
-    four_digits,
-    new_table,
-    print_frame,
     print_line,
-    print_table,
     spoken_length,
     value_with_error,
 )
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from rich.console import Console
 
     from stochvi.identification import Identification
     from stochvi.isolators.record_verdict import RecordVerdict
+    from stochvi.methods.monte_carlo import Prospect
     from stochvi.methods.replay import Replay, ReplayAt
     from stochvi.verification.check import Checks, Explanation
     from stochvi.verification.testing.judging import Finding, Judgement
@@ -213,40 +211,45 @@ NOT_JUDGED = (APPROXIMATE, OTHER_THRESHOLD)
 """Verdicts on approximations."""
 
 
-def print_check(console: Console, verdict: Check) -> None:
-    """Print what was judged, the errors of linearisation, and the verdict in a sentence."""
+def check_told(verdict: Check) -> Told:
+    """The comparisons, the errors of linearisation, and the verdict in a sentence."""
     judged = [row for row in verdict.comparisons if row.verdict not in NOT_JUDGED]
-    for method in dict.fromkeys(row.method for row in judged):
-        _print_judged(console, [row for row in judged if row.method == method])
-    _print_approximations(console, verdict)
-    for reason in verdict.left_out:
-        if not reason.startswith(STOPPED_EARLY):
-            print_line(console, f"left out: {reason}")
-        elif reason != verdict.summary():  # which is printed below
-            print_line(console, reason)
-    for response in verdict.responses[:1]:
-        for warning in response.warnings:
-            console.print(f"note: {warning}", style="yellow", highlight=False)
-    console.print(verdict.summary(), style="green" if verdict.passed else "bold red")
+    methods = dict.fromkeys(row.method for row in judged)
+    grids = [_judged([row for row in judged if row.method == method]) for method in methods]
+    notes = [
+        reason if reason.startswith(STOPPED_EARLY) else f"left out: {reason}"
+        for reason in verdict.left_out
+        if reason != verdict.summary()
+    ]
+    return Told(
+        verdict=verdict.summary(),
+        alarm=not verdict.passed,
+        sections=[Section(grids=[*chain(*grids), *_approximations(verdict)], notes=notes)],
+        warnings=[each for response in verdict.responses[:1] for each in response.warnings],
+    )
 
 
-def print_checks(console: Console, verdict: Checks) -> None:
-    """Print a line for each scene, every alarm, and the verdict in a sentence."""
+def checks_told(verdict: Checks) -> Told:
+    """A line for each scene, every alarm, and the verdict in a sentence."""
     overview = verdict.overview()
-    headings = [str(name) for name in overview.columns]
-    table = new_table("scenes, under one alarm rate", headings, ["scene", "methods", "verdict"])
-    for line in overview.itertuples(index=False):
-        cells = [formatted_cell(cell, ".2f" if isinstance(cell, float) else "") for cell in line]
-        cells = ["" if cell == "nan" else cell for cell in cells]
-        table.add_row(*cells, style="" if cells[-1] in ("passed", BALANCES_ONLY) else "bold red")
-    print_table(console, table)
-    for name, row in verdict.alarms:
-        print_line(
-            console,
-            f"alarm: {name}: {row.quantity} of {row.of}: {row.method} {row.value:.6g}, "
-            f"{row.reference} {row.reference_value:.6g}, allowed {row.tolerance:.1e}",
-        )
-    console.print(verdict.summary(), style="green" if verdict.passed else "bold red")
+    alarms = np.flatnonzero(~overview["verdict"].isin(["passed", BALANCES_ONLY])).tolist()
+    table = Grid.of(
+        "scenes, under one alarm rate", overview, ("scene", "methods", "verdict"),
+        dict.fromkeys(map(str, overview), ".2f"),
+    )  # fmt: skip
+    notes = [
+        f"alarm: {name}: {row.quantity} of {row.of}: {row.method} {row.value:.6g}, "
+        f"{row.reference} {row.reference_value:.6g}, allowed {row.tolerance:.1e}"
+        for name, row in verdict.alarms
+    ]
+    return Told(
+        verdict=verdict.summary(),
+        alarm=not verdict.passed,
+        sections=[Section(grids=[replace(table, alarms=alarms)], notes=notes)],
+    )
+
+
+print_check, print_checks = printed(check_told), printed(checks_told)
 
 
 def print_problems(console: Console, sentences: Mapping[str, str]) -> None:
@@ -256,23 +259,32 @@ def print_problems(console: Console, sentences: Mapping[str, str]) -> None:
         console.print(f"{name:{width}}  {sentence}", markup=False, highlight=False, soft_wrap=True)
 
 
-def print_judgement(console: Console, verdict: Judgement) -> None:
-    """Print every quantity with its true value, likely causes of disagreements, and the verdict."""
-    if verdict.read_as:
-        print_line(console, verdict.read_as)
-    headings = ["quantity", "truth", "found", "off by (%)", "visible (%)", "verdict"]
-    table = new_table("judged against the known answer", headings, ["quantity", "verdict"])
-    for row in verdict.findings:
-        style = "bold red" if row in verdict.failures else ""
-        table.add_row(*_finding_cells(row), style=style)
-    print_table(console, table)
-    for reason in verdict.left_out:
-        print_line(console, f"left out: {reason}")
-    for hint in verdict.hints:
-        print_line(console, f"looks like: {hint}")
-    console.print(
-        verdict.summary(), style="green" if verdict.passed else "bold red", highlight=False
+def judgement_told(verdict: Judgement) -> Told:
+    """Every quantity with its true value, likely causes of disagreements, and the verdict."""
+    table = Grid(
+        caption="judged against the known answer",
+        headings=["quantity", "truth", "found", "off by (%)", "visible (%)", "verdict"],
+        rows=[_finding_cells(row) for row in verdict.findings],
+        words=("quantity", "verdict"),
+        alarms=[k for k, row in enumerate(verdict.findings) if row in verdict.failures],
     )
+    return Told(
+        verdict=verdict.summary(),
+        alarm=not verdict.passed,
+        statements=[verdict.read_as] if verdict.read_as else [],
+        sections=[
+            Section(
+                grids=[table],
+                notes=[
+                    *(f"left out: {reason}" for reason in verdict.left_out),
+                    *(f"looks like: {hint}" for hint in verdict.hints),
+                ],
+            )
+        ],
+    )
+
+
+print_judgement = printed(judgement_told)
 
 
 def _finding_cells(row: Finding) -> list[str]:
@@ -289,44 +301,45 @@ def _finding_cells(row: Finding) -> list[str]:
     ]
 
 
-def _print_judged(console: Console, judged: Sequence[Comparison]) -> None:
+def _judged(judged: Sequence[Comparison]) -> list[Grid]:
     """The comparisons and balances of one method that claims to be right."""
     against = [row.reference for row in judged if row.of != BALANCE]
     title = f"judged: {judged[0].method}"
     title += f" against {against[0]}, and its balances" if against else ", its balances"
-    headings = ["quantity", "reference", "value", "difference", "allowed", "verdict"]
-    table = new_table(title, headings)
-    for row in judged:
-        name = f"{row.quantity} balance" if row.of == BALANCE else QUANTITY_NAMES[row.quantity]
-        reference = "" if row.of == BALANCE else f"{row.reference_value:.6g}"
-        table.add_row(
-            name,
-            reference,
-            f"{row.value:.2e}" if row.of == BALANCE else f"{row.value:.6g}",
-            f"{row.difference:+.1e}",
-            "" if row.tolerance is None else f"{row.tolerance:.1e}",
-            row.verdict,
-            style="bold red" if row.verdict == DISAGREES else "",
-        )
-    print_table(console, table)
+    return Grid.by(
+        title,
+        {
+            "quantity": lambda row: (
+                f"{row.quantity} balance" if row.of == BALANCE else QUANTITY_NAMES[row.quantity]
+            ),
+            "reference": lambda row: "" if row.of == BALANCE else f"{row.reference_value:.6g}",
+            "value": lambda row: f"{row.value:{'.2e' if row.of == BALANCE else '.6g'}}",
+            "difference": lambda row: f"{row.difference:+.1e}",
+            "allowed": lambda row: "" if row.tolerance is None else f"{row.tolerance:.1e}",
+            "verdict": lambda row: row.verdict,
+        },
+        [(row,) for row in judged],
+        words=("quantity", "verdict"),
+        alarms=[k for k, row in enumerate(judged) if row.verdict == DISAGREES],
+    )
 
 
-def _print_approximations(console: Console, verdict: Check) -> None:
+def _approximations(verdict: Check) -> list[Grid]:
     """Relative errors of the approximate methods against the reference, not judged."""
     shown = [row for row in verdict.comparisons if row.verdict in NOT_JUDGED]
     if not shown:
-        return
-    methods = list(dict.fromkeys(row.method for row in shown))
-    title = f"errors of approximations against {shown[0].reference} (%), not judged"
-    headings = ["quantity", *(method.removeprefix("linearise:") for method in methods)]
-    table = new_table(title, headings)
-    for quantity in dict.fromkeys(row.quantity for row in shown):
-        if quantity == "displacement_mean":
-            continue
-        rows = {row.method: row for row in shown if row.quantity == quantity}
-        cells = [_error_in_words(rows[method]) if method in rows else "" for method in methods]
-        table.add_row(QUANTITY_NAMES[quantity], *cells)
-    print_table(console, table)
+        return []
+    return Grid.across(
+        f"errors of approximations against {shown[0].reference} (%), not judged",
+        "quantity",
+        {
+            (
+                QUANTITY_NAMES[row.quantity], row.method.removeprefix("linearise:")
+            ): _error_in_words(row)
+            for row in shown
+            if row.quantity != "displacement_mean"
+        },
+    )  # fmt: skip
 
 
 def _error_in_words(row: Comparison) -> str:
@@ -339,118 +352,144 @@ def _error_in_words(row: Comparison) -> str:
     return f"{100.0 * row.relative:+.2f}"
 
 
-def print_explanation(console: Console, explanation: Explanation) -> None:
-    """Print which effects would be simulated, by which method, and the expected cost."""
+def explanation_told(explanation: Explanation) -> Told:
+    """Which effects would be simulated, by which method, and the expected cost."""
     words = ("simulated:", "not simulated:")
     if not explanation.simulated:
         words = ("in the scene:", "not in the scene:")
     width = max(map(len, words)) + 1
-    for word, effects in zip(words, (explanation.effects, explanation.absent), strict=True):
-        console.print(f"{word:{width}}{effects_in_words(effects) or '-'}", highlight=False)
-    _print_modes(console, explanation)
-    for method, verdict in explanation.methods.items():
-        console.print(f"{method}: {verdict}", highlight=False)
-    plan = explanation.simulation
-    if plan is not None:
-        console.print(
-            f"{plan.method}: {plan.states} states, step {plan.step:.3g} s, {plan.steps_per_path} "
-            f"steps a path ({plan.burn_in:.3g} s of burn-in, {plan.duration:.3g} s counted), "
-            f"{plan.nanoseconds_per_step:.2g} ns a step here",
-            highlight=False,
-        )
-        if plan.start_seconds:
-            start = f"to start: about {plan.start_seconds:.1g} s, in every run"
-            console.print(start, highlight=False)
-        for target, seconds in plan.seconds.items():
-            cost = "unknown"
-            if seconds is not None:
-                digits = ".1g" if seconds < 10.0 else ".0f"
-                cost = f"about {seconds:{digits}} s"
-            console.print(
-                f"relative error {target:g}: {cost} ({plan.governed_by})", highlight=False
-            )
-    for assumption in explanation.assumptions:
-        print_line(console, f"assumed: {assumption}")
-    for note in explanation.notes:
-        console.print(f"note: {note}", style="yellow", highlight=False)
+    effects = zip(words, (explanation.effects, explanation.absent), strict=True)
+    return Told(
+        statements=[f"{word:{width}}{effects_in_words(each) or '-'}" for word, each in effects],
+        sections=[
+            Section(grids=_modes(explanation), notes=_rest(explanation)),
+            Section(
+                notes=[
+                    *(f"{method}: {verdict}" for method, verdict in explanation.methods.items()),
+                    *_plan(explanation.simulation),
+                ]
+            ),
+        ],
+        footer=[f"assumed: {assumption}" for assumption in explanation.assumptions],
+        warnings=explanation.notes,
+    )
+
+
+print_explanation = printed(explanation_told)
 
 
 def print_phases(console: Console, phases: Mapping[str, Explanation]) -> None:
     """Print the explanation of each phase of a mission."""
     for name, each in phases.items():
-        console.print(f"phase {name}", style="bold", highlight=False)
-        print_explanation(console, each)
+        print_told(console, replace(explanation_told(each), verdict=f"phase {name}"))
     print_line(console, "all phases together: size, reliability and damage")
 
 
-def _print_modes(console: Console, explanation: Explanation) -> None:
-    """Print the modes of a structure of several coordinates, and where it rests under loads."""
-    if len(explanation.modes) > 1:
-        axes = list(explanation.modes[0].effective_mass)
-        titles = [f"along {axis} (kg)" if axis else "eff. mass (kg)" for axis in axes]
-        table = new_table(
-            "natural modes without stops, and the mass that each moves with the base",
-            ["mode", "Hz", "zeta", *titles, "motion"],
-        )
-        for number, mode in enumerate(explanation.modes, start=1):
-            zeta = "-" if mode.damping_ratio is None else f"{mode.damping_ratio:.3g}"
-            moved = [f"{mode.effective_mass[axis]:.3g}" for axis in axes]
-            table.add_row(str(number), f"{mode.frequency_hz:.4g}", zeta, *moved, mode.motion)
-        print_table(console, table)
+def _plan(plan: Prospect | None) -> list[str]:
+    """How a simulation would go, and what it would cost."""
+    if plan is None:
+        return []
+    lines = [
+        f"{plan.method}: {plan.states} states, step {plan.step:.3g} s, {plan.steps_per_path} "
+        f"steps a path ({plan.burn_in:.3g} s of burn-in, {plan.duration:.3g} s counted), "
+        f"{plan.nanoseconds_per_step:.2g} ns a step here"
+    ]
+    if plan.start_seconds:
+        lines.append(f"to start: about {plan.start_seconds:.1g} s, in every run")
+    for target, seconds in plan.seconds.items():
+        cost = "unknown"
+        if seconds is not None:
+            cost = f"about {seconds:{'.1g' if seconds < 10.0 else '.0f'}} s"
+        lines.append(f"relative error {target:g}: {cost} ({plan.governed_by})")
+    return lines
+
+
+def _modes(explanation: Explanation) -> list[Grid]:
+    """The modes of a structure of several coordinates."""
+    modes = explanation.modes
+    if len(modes) < 2:
+        return []
+    return Grid.by(
+        "natural modes without stops, and the mass that each moves with the base",
+        {
+            "mode": lambda number, _: number,
+            "Hz": lambda _, mode: mode.frequency_hz,
+            "zeta": lambda _, mode: (
+                NO_VALUE if mode.damping_ratio is None else f"{mode.damping_ratio:.3g}"
+            ),
+            **{
+                f"along {axis} (kg)" if axis else "eff. mass (kg)": lambda _, mode, axis=axis: (
+                    f"{mode.effective_mass[axis]:.3g}"
+                )
+                for axis in modes[0].effective_mass
+            },
+            "motion": lambda _, mode: mode.motion,
+        },
+        enumerate(modes, start=1),
+        words=0,
+    )
+
+
+def _rest(explanation: Explanation) -> list[str]:
+    """Where a structure rests under loads."""
+    lines = []
     if explanation.rest:
         listed = ", ".join(
             f"{name} {(MILLIRADIANS if name in ROTATIONS else LENGTH).text(value, '.3g')}"
             for name, value in explanation.rest.items()
         )
-        print_line(console, f"at rest under constant loads: {listed}")
+        lines.append(f"at rest under constant loads: {listed}")
     for name, gap in explanation.rest_of_gaps.items():
         left = [
             f"{LENGTH.text(distance, '.3g')} from its {side} stop"
             for side, distance in (("lower", gap.to_lower), ("upper", gap.to_upper))
             if distance is not None
         ]
-        print_line(
-            console, f"{name} rests at {LENGTH.text(gap.position, '.3g')}, {' and '.join(left)}"
-        )
+        lines.append(f"{name} rests at {LENGTH.text(gap.position, '.3g')}, {' and '.join(left)}")
+    return lines
 
 
-def print_cost(console: Console, found: WorkPrecision) -> None:
-    """Print bias and statistical error at each step, the CPU times that follow, and errors of
-    models."""
-    steps = [f"{step:.3g} s" for step in found.steps]
-    bias = new_table("bias of the step (%)", ["quantity", *steps])
-    noise = new_table("standard error of one CPU second (%)", ["quantity", *steps])
-    for key in dict.fromkeys((row.of, row.quantity) for row in found.errors):
-        rows = [row for row in found.errors if (row.of, row.quantity) == key]
-        bias.add_row(_whose(found, *key), *(_step_bias(found, row) for row in rows))
-        noise.add_row(
-            _whose(found, *key), *(f"{100.0 * row.error_of_a_second:.2g}" for row in rows)
-        )
-    print_table(console, bias)
-    print_table(console, noise)
-    _print_prices(console, found)
-    _print_models(console, found)
+def cost_told(found: WorkPrecision) -> Told:
+    """Bias and statistical error at each step, the CPU times that follow, and errors of models."""
+    bias, noise = {}, {}
+    for row in found.errors:
+        place = _whose(found, row.of, row.quantity), f"{row.step:.3g} s"
+        bias[place] = _step_bias(found, row)
+        noise[place] = f"{100.0 * row.error_of_a_second:.2g}"
     against = f"biases are measured against: {found.reference}"
     if found.reference == "fokker-planck":
         against += " (itself against the simulation)"
     if found.elastic:
         against += "; with elastic stops there is none at any step, in theory"
-    print_line(console, against)
-    print_line(
-        console,
+    footer = [
+        against,
         f"{found.method}, {found.cost.paths} paths at every step, {found.cost.wall_time:.3g} s on "
         f"{found.cost.threads} threads; errors of a mean are relative to the standard "
         "deviation of the displacement",
-    )
+    ]
     if not found.elastic:
-        print_line(
-            console,
+        footer.append(
             "these are true errors; the interval that simulate states is wider, as it holds what "
-            "simulate knows of its own bias",
+            "simulate knows of its own bias"
         )
-    for reason in found.left_out:
-        console.print(f"note: {reason}", style="yellow", highlight=False)
-    console.print(found.summary(), style="green" if not found.left_out else "yellow")
+    return Told(
+        verdict=found.summary(),
+        sections=[
+            Section(
+                grids=[
+                    *Grid.across("bias of the step (%)", "quantity", bias),
+                    *Grid.across("standard error of one CPU second (%)", "quantity", noise),
+                ]
+            ),
+            _prices(found),
+            _models(found),
+        ],
+        footer=footer,
+        warnings=found.left_out,
+    )
+
+
+print_cost = printed(cost_told)
 
 
 def _whose(found: WorkPrecision, owner: str, quantity: str) -> str:
@@ -473,44 +512,41 @@ def _step_bias(found: WorkPrecision, row: StepError) -> str:
     return f"< {100.0 * (row.largest_bias if found.elastic else row.step_bias_limit):.2g}"
 
 
-def _print_prices(console: Console, found: WorkPrecision) -> None:
-    """Print the CPU seconds that bring statistical error and bias below each target, by step."""
-    targets = [f"{100.0 * target:g} %" for target in TARGETS]
-    groups = [("", False), ("impacts ", True)]
-    groups = [group for group in groups if found.of_step(found.steps[0], rates=group[1])]
-    headings = [name + target for name, _ in groups for target in targets]
-    table = new_table("CPU time until both are below (-: bias is not)", ["step", *headings])
+def _prices(found: WorkPrecision) -> Section:
+    """The CPU seconds that bring statistical error and bias below each target, by step."""
+    cells = {}
     for step in found.steps:
-        cells = []
-        for _, rates in groups:
-            for target in TARGETS:
-                prices = [row.seconds(target) for row in found.of_step(step, rates=rates)]
+        name = f"{step:.3g} s{' *' if step == found.default_step else ''}"
+        for kind, rates in (("", False), ("impacts ", True)):
+            rows = found.of_step(step, rates=rates)
+            for target in TARGETS if rows else ():
+                prices = [row.seconds(target) for row in rows]
                 known = [price for price in prices if price is not None]
-                complete = bool(known) and len(known) == len(prices)
-                cells.append(spoken_time(max(known)) if complete else "-")
-        table.add_row(f"{step:.3g} s{' *' if step == found.default_step else ''}", *cells)
-    print_table(console, table)
+                price = spoken_time(max(known)) if len(known) == len(prices) else NO_VALUE
+                cells[name, f"{kind}{100.0 * target:g} %"] = price
     usual = "* the step that simulate takes"
-    print_line(
-        console, usual if found.elastic else f"{usual}, and twice it: half as much time on top"
+    return Section(
+        grids=Grid.across("CPU time until both are below (-: bias is not)", "step", cells),
+        notes=[usual if found.elastic else f"{usual}, and twice it: half as much time on top"],
     )
 
 
-def _print_models(console: Console, found: WorkPrecision) -> None:
-    """Print the errors of models, which more time does not make smaller."""
-    if not found.models:
-        return
-    methods = list(dict.fromkeys(row.method for row in found.models))
+def _models(found: WorkPrecision) -> Section:
+    """The errors of models, which more time does not make smaller."""
     short = {"fokker-planck": "Fokker-P.", "average:finite jumps": "average"}
-    names = [short.get(method, method.removeprefix("linearise:")) for method in methods]
-    title = "error of methods without random numbers (%) [bound that the method states]"
-    table = new_table(title, ["quantity", *names])
-    for key in dict.fromkeys((row.of, row.quantity) for row in found.models):
-        errors = {row.method: row for row in found.models if (row.of, row.quantity) == key}
-        cells = [_model_error(errors[m]) if m in errors else NO_VALUE for m in methods]
-        table.add_row(_whose(found, *key), *cells)
-    print_table(console, table)
-    print_line(console, f"{NO_VALUE}: not known, or of impacts above another speed than simulated")
+    table = Grid.across(
+        "error of methods without random numbers (%) [bound that the method states]",
+        "quantity",
+        {
+            (
+                _whose(found, row.of, row.quantity),
+                short.get(row.method, row.method.removeprefix("linearise:")),
+            ): _model_error(row)
+            for row in found.models
+        },
+    )
+    told = f"{NO_VALUE}: not known, or of impacts above another speed than simulated"
+    return Section(grids=table, notes=[told] if table else [])
 
 
 def _model_error(row: ModelError) -> str:
@@ -541,41 +577,37 @@ MOST_LINES = 4
 """Largest number of laws that a picture shows: those of the smallest criteria."""
 
 
-def print_identification(console: Console, found: Identification) -> None:
-    """Print the law to take, the line to copy, and all laws that were fitted."""
-    console.print(found.summary(), style="bold", highlight=False)
-    console.print(found.line, highlight=False, markup=False)
-    print_frame(
-        console, laws_table(found),
+def identification_told(found: Identification) -> Told:
+    """The law to take, the line to copy, and all laws that were fitted."""
+    table = Grid.by(
         "laws; rejected below 0.05: the probability of so bad a fit if the law were true",
-    )  # fmt: skip
-    for name, each in found.of_test.items():
-        quantity = shown_as(found.test.start[name][1])
-        console.print(f"{name}: {value_with_error(quantity(each))} {quantity}", highlight=False)
-    for assumption in found.assumptions:
-        console.print(f"assumed: {assumption}", highlight=False)
-    for warning in found.warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False)
-
-
-def laws_table(found: Identification) -> pd.DataFrame:
-    """One row per law, with its numbers as text."""
-    import pandas as pd
-
-    rows = [
         {
-            "law": name,
-            "numbers": ", ".join(
+            "law": lambda name, _: name,
+            "numbers": lambda _, fit: ", ".join(
                 f"{key} {value_with_error(each)} {fit.units[key]}".rstrip()
                 for key, each in fit.numbers.items()
             ),
-            "residual": fit.residual,
-            "AICc": fit.criterion,
-            "rejected": None if fit.rejected is None else f"{fit.rejected:.2g}",
-        }
-        for name, fit in found.fits.items()
-    ]
-    return pd.DataFrame(rows).fillna("-")
+            "residual": lambda _, fit: fit.residual,
+            "AICc": lambda _, fit: fit.criterion,
+            "rejected": lambda _, fit: None if fit.rejected is None else f"{fit.rejected:.2g}",
+        },
+        found.fits.items(),
+        words=2,
+    )
+    of_test = []
+    for name, each in found.of_test.items():
+        quantity = shown_as(found.test.start[name][1])
+        of_test.append(f"{name}: {value_with_error(quantity(each))} {quantity}")
+    return Told(
+        verdict=found.summary(),
+        statements=[found.line],
+        sections=[Section(grids=table, notes=of_test)],
+        footer=[f"assumed: {assumption}" for assumption in found.assumptions],
+        warnings=found.warnings,
+    )
+
+
+print_identification = printed(identification_told)
 
 
 def plot_identification(found: Identification, ax: Axes | None = None) -> Axes:
@@ -675,72 +707,57 @@ ROWS = {
     "contact_time": ("time in contact", TIME),
     "rests": ("times at rest on a stop", NUMBER),
 }
-"""Quantities that a terminal shows, in words."""
+"""Quantities of a replay in words."""
 
 
-def headline(found: Replay, record: RecordVerdict | None) -> str:
-    """The clearance that the record itself needs, where it is known, and the summary of the
-    replay."""
-    return "; ".join([*([] if record is None else [record.needs()]), found.summary()])
+def replay_told(found: Replay, record: RecordVerdict | None) -> Told:
+    """The clearance that the record itself needs, where it is known, and the motion and impacts."""
+    return Told(
+        verdict="; ".join([*([] if record is None else [record.needs()]), found.summary()]),
+        alarm=any(
+            float(pair.hits) > 0.0
+            for each in found.clearances
+            for pair in each.impact_pairs.values()
+        ),
+        sections=[
+            Section(
+                title="Motion and impacts",
+                lead="One record, one answer: nothing is sampled, every impact is located in time.",
+                grids=[_replay_grid(found)],
+            )
+        ],
+        footer=[*found.assumptions, f"cost: {found.cost.wall_time:.3g} s"],
+        warnings=found.warnings,
+    )
 
 
-def print_replay(console: Console, found: Replay, record: RecordVerdict | None) -> None:
-    """Print the clearance that the record needs, then its effect at one clearance, or a row per
-    clearance."""
-    console.print(headline(found, record), style="bold", highlight=False)
-    if found.only is not None:
-        _print_one(console, found.only)
-    else:
-        _print_many(console, found)
-    for line in found.assumptions:
-        print_line(console, line)
-    print_line(console, f"cost: {found.cost.wall_time:.3g} s")
-    for warning in found.warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False)
+print_replay = printed(replay_told)
 
 
-def _print_one(console: Console, each: ReplayAt) -> None:
-    biased = any(own.bias for *_, own in each.estimates())
-    columns = ["of", "quantity", "value", *(["bias"] if biased else [])]
-    table = new_table("the record itself", columns, ["of", "quantity"])
-    for group in (each.coordinates, each.impact_pairs):
-        for owner, quantities in group.items():
-            for name, value in quantities.items():
-                if name in ROWS and value is not None:
-                    words, quantity = ROWS[name][0], of_angle(owner, ROWS[name][1])
-                    own = [owner, quantity.heading(words), f"{quantity(float(value)):.5g}"]
-                    if biased:
-                        own.append(UNKNOWN if value.bias is None else f"{quantity(value.bias):.2g}")
-                    table.add_row(*own)
-    print_table(console, table)
-
-
-def _print_many(console: Console, found: Replay) -> None:
-    import pandas as pd
-
+def _replay_grid(found: Replay) -> Grid:
+    """A row per quantity, a column per clearance; of a single one the biases stand beside it."""
+    single = found.only
+    biased = single is not None and any(own.bias for *_, own in single.estimates())
     rows = []
-    pairs = [next(iter(each.impact_pairs.values())) for each in found.clearances]
-    # rigid stops give no acceleration at an impact
-    where = "" if any(pair.peak_force is not None for pair in pairs) else " between impacts"
-    for each in found.clearances:
-        assert each.clearance is not None
-        (pair,) = each.impact_pairs.values()
-        motion = next(iter(each.coordinates.values()))
-        speed, force = pair.impact_speed_max, pair.peak_force
-        peak = float(motion.acceleration_max)
-        rows.append(
-            {
-                f"clearance ({LENGTH})": four_digits(LENGTH(each.clearance)),
-                "impacts": f"{float(pair.hits):.0f}",
-                f"max speed ({SPEED})": UNKNOWN if speed is None else f"{SPEED(float(speed)):.4g}",
-                f"max force ({FORCE})": UNKNOWN if force is None else f"{FORCE(float(force)):.4g}",
-                f"peak acc.{where} ({ACCELERATION})": f"{ACCELERATION(peak):.4g}",
-                f"from ({LENGTH})": four_digits(LENGTH(float(motion.displacement_min))),
-                f"to ({LENGTH})": four_digits(LENGTH(float(motion.displacement_max))),
-            }
-        )
-    frame = pd.DataFrame(rows).replace(UNKNOWN, "-")
-    print_frame(console, frame, f"the record itself, {found.duration:.4g} s, at each clearance")
+    for group in ("coordinates", "impact_pairs"):
+        for owner, quantities in getattr(found.clearances[0], group).items():
+            for name, _ in quantities.items():
+                values = [getattr(each, group)[owner][name] for each in found.clearances]
+                # the speed of no impact and the force of a rigid stop are not known
+                if name not in ROWS or all(value is None for value in values):
+                    continue
+                words, quantity = ROWS[name][0], of_angle(owner, ROWS[name][1])
+                row = ["none" if v is None else f"{quantity(float(v)):.4g}" for v in values]
+                if biased:
+                    bias = values[0].bias
+                    row.append(UNKNOWN if bias is None else f"{quantity(bias):.2g}")
+                rows.append([f"{owner}: {quantity.heading(words)}", *row])
+    headings = [
+        "as in the scene" if each.clearance is None else f"at {spoken_length(each.clearance)}"
+        for each in found.clearances
+    ]
+    headings += ["bias"] if biased else []
+    return Grid(caption="the record itself", headings=["", *headings], rows=rows)
 
 
 def plot_history(each: ReplayAt, ax: Axes | None = None) -> Axes:

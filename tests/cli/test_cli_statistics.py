@@ -232,7 +232,7 @@ def test_reliability_of_several_pairs_says_what_each_risks(stochvi: Run, tmp_pat
     assert set(document["pairs"]) == {"wall", "between"}
     hits = document["expected_hits"]
     assert hits["value"] > 10.0 * hits["standard_error"] > 0.0
-    assert "hit, if it alone had stops" in done.err
+    assert "probability alone" in done.err
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Pair by pair" in page
     wrong = stochvi("reliability", scene, "--mission", "10", "--pair", "roof")

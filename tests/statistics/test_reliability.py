@@ -59,7 +59,7 @@ from stochvi.statistics.reliability.missions import (
 from stochvi.statistics.trial_splitting import Levels, moved, pilot, repetition
 from stochvi.testing import assert_agrees
 from stochvi.views.files import to_json
-from stochvi.views.statistics import chance_in_words
+from stochvi.views.statistics import chance_of
 from support.accuracies import rel_errors
 from support.commands import Run, one_document
 from support.known import DOCUMENT, P_AT_3, RARE, TEN_PERIODS, oscillator, to_toml
@@ -296,9 +296,14 @@ def test_what_does_not_apply_is_said() -> None:
 
 
 def test_chances_near_one_are_told_by_their_lower_end() -> None:
-    assert chance_in_words(1.0, 9.8e-7, 0.99812) == "over 99.8 %"
-    assert chance_in_words(1.0, 0.0, 1.0) == spoken_percent(1.0)  # as size has it
-    assert chance_in_words(0.9, 0.01, 0.88) == "0.900(10)"
+    found = Chance(
+        event="hit", limit=None, estimate=Estimate(value=1.0), lower=0.99812, upper=1.0,
+        confidence=0.95, rule="", way="", why="",
+    )  # fmt: skip
+    assert chance_of(found) == "over 99.8 %"
+    assert chance_of(replace(found, lower=1.0)) == spoken_percent(1.0)  # as size has it
+    assert chance_of(replace(found, lower=0.2)) == "hardly known"
+    assert chance_of(replace(found, estimate=Estimate(value=0.9))) == "90 %"
 
 
 def test_the_command(stochvi: Run, tmp_path: Any) -> None:
@@ -313,7 +318,7 @@ def test_the_command(stochvi: Run, tmp_path: Any) -> None:
     fast = document["chances"]["impact_speed"]
     assert 0.0 < fast["lower"] < fast["estimate"]["value"] < fast["upper"] < 1.0
     assert document["expected_hits"]["value"] > fast["estimate"]["value"]
-    assert "impact speed > 2 m/s" in done.err and "expected impacts" in done.err
+    assert "an impact faster than 2 m/s" in done.err and "Expected impacts" in done.err
     assert (tmp_path / "reliability.csv").exists()
     done = stochvi(
         "reliability", scene, "--mission", "30", "--impact-speed", "9", "--budget", "0.02",

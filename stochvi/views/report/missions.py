@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,20 +13,18 @@ import numpy as np
 
 from stochvi.isolators.sizing.answer import ClearanceAnswer, DamageSizing, MissionSizing
 from stochvi.mathematics.spectra import Table
-from stochvi.mathematics.units import ACCELERATION, DENSITY, LENGTH, SPEED, readable, spoken_mission
-from stochvi.results.base import of_angle, plain, unit_of_limit
-from stochvi.results.estimates import NEAR_ONE, spoken_percent
+from stochvi.mathematics.units import ACCELERATION, DENSITY, LENGTH, spoken_mission
+from stochvi.results.base import plain
+from stochvi.results.estimates import spoken_percent
 from stochvi.results.files import Origin, origin_of
 from stochvi.scenes.phases import Phase
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Isolator
 from stochvi.views.axes import (
-    COLOURS,
     OWNERS,
     PAGE,
     add_grid,
     axes_or_new,
-    label_for_page,
     plain_ticks,
 )
 from stochvi.views.isolator_tables import (
@@ -41,18 +40,23 @@ from stochvi.views.report.sections import (
     record_cards,
 )
 from stochvi.views.schematic import draw_problem, draw_shapes, has_shape
-from stochvi.views.statistics import SURELY, draw_damage
+from stochvi.views.statistics import (
+    STARTS,
+    chance_of,
+    draw_damage,
+    event_in_words,
+    hits_of_mission,
+    interval_of,
+    reliability_told,
+)
 from stochvi.views.tables import (
     OF_ONE_MOUNT,
-    UNKNOWN,
     WITHOUT_TOLERANCES,
-    count_of,
     effects_in_words,
     line_to_copy,
     spoken_length,
-    way_in_words,
 )
-from stochvi.views.verification import ROWS, headline, plot_clearances, plot_history, plot_waterfall
+from stochvi.views.verification import plot_clearances, plot_history, plot_waterfall, replay_told
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,8 +65,7 @@ if TYPE_CHECKING:
     from stochvi.isolators.record_verdict import RecordVerdict
     from stochvi.isolators.screening import SceneAtRest
     from stochvi.methods.replay import Replay
-    from stochvi.results.estimates import Estimate
-    from stochvi.statistics.reliability import Chance, Reliability
+    from stochvi.statistics.reliability import Reliability
 
 
 # ------------------------------------------------------------------------------
@@ -303,18 +306,6 @@ def _limits(found: ClearanceAnswer) -> Section:
 # ------------------------------------------------------------------------------
 
 
-EVENTS = {
-    "hit": "any impact",
-    "passage": "any passage of the barrier",
-    "impact_speed": "an impact faster than",
-    "peak_acceleration": "a peak acceleration above",
-}
-"""Events of a mission in words."""
-
-SMALLEST_DRAWN = 1e-9
-"""Share of the largest probability below which the probability of a phase is left out of the
-picture."""
-
 # Reliability ------------------------------------------------------------------------------
 
 
@@ -341,238 +332,42 @@ def reliability_page(
     origin: Origin, production: Production | None = None,
 ) -> Page:  # fmt: skip
     """The page of the probabilities of a mission."""
-    mission = spoken_mission(found.mission)
-    chances = list(found.chances.values())
-    sentences = [f"{_event(each)}: {_chance(each)}" for each in chances]
-    missing = []
-    for name, why in found.missing.items():
-        what = "not accurate" if name in found.chances else "not found"
-        missing.append(f"{name.replace('_', ' ')}: {what}, {why}")
+    told, mission = reliability_told(found), spoken_mission(found.mission)
     doubtful = record is not None and not record.agrees
     first = f"{record.sentence()}. " if record is not None and doubtful else ""
     noise = "; for Gaussian noise alone" if doubtful else ""
+    assumed = [sentence(text) for text in found.assumptions]
     return Page(
         title=scene.title or "Reliability of a mission",
-        subtitle=f"Probabilities in a mission of {mission}, {_start(found)}",
-        verdict=f"{first}Probability in {mission} of " + "; of ".join([*sentences, *missing]) + ".",
-        alarm=doubtful or bool(found.missing),
-        statements=[]
-        if found.hits is None
-        else [f"Expected impacts in {mission}: {_hits(found)}."],
+        subtitle=f"Probabilities in a mission of {mission}, from {STARTS[found.start]}",
+        verdict=f"{first}{told.verdict}",
+        alarm=doubtful or told.alarm,
+        statements=told.statements,
         cards=[
             *(record_cards(record) if doubtful else []),
             *(
-                Fact(f"Probability of {_event(each)}", _value(each), f"{_interval(each)}{noise}")
-                for each in chances
+                Fact(
+                    f"Probability of {event_in_words(each)}", chance_of(each),
+                    f"{interval_of(each)}{noise}",
+                )
+                for each in found.chances.values()
             ),
-            Fact(
-                "Expected impacts", UNKNOWN if found.hits is None else _hits(found), f"in {mission}"
-            ),
+            Fact("Expected impacts", hits_of_mission(found), f"in {mission}"),
         ],
-        warnings=list(found.warnings),
+        warnings=told.warnings,
         sections=[
-            Section(
-                title="Probabilities",
-                lead=f"Intervals at {100.0 * found.confidence:g} % hold the statistical errors "
-                "alone; a probability that was never seen has an upper limit.",
-                grids=[
-                    _chances_grid(found),
-                    *([_phases_grid(found)] if found.phases else []),
-                    *([_pairs_grid(found)] if found.pairs else []),
-                    *([_outputs_grid(found)] if found.outputs else []),
-                ],
-                pictures=[
-                    shown(
-                        lambda: plot_chances(found), f"Probabilities in {mission}, with intervals."
-                    )
-                ]
-                if chances
-                else [],
-                notes=[f"{_event(each)}: {each.why}" for each in chances],
-            ),
+            *told.sections,
             production_section(production),
             _scene_section(scene, hung),
             Section(
                 title="Limits",
                 lead="Assumptions of this report.",
-                notes=[
-                    *(f"{text[0].upper()}{text[1:]}." for text in found.assumptions),
-                    *(OF_ONE_MOUNT if isinstance(scene.structure, Isolator) else ()),
-                ],
+                notes=[*assumed, *(OF_ONE_MOUNT if isinstance(scene.structure, Isolator) else ())],
             ),
         ],
         origin=origin,
         footer=[f"calculated in {found.cost.wall_time:.3g} s on {found.cost.threads} threads"],
-    )
-
-
-def _start(found: Reliability) -> str:
-    return "from rest" if found.start == "rest" else "from the stationary motion"
-
-
-def _event(chance: Chance) -> str:
-    words = EVENTS[chance.event]
-    if chance.limit is None:
-        return words
-    return f"{words} {readable(unit_of_limit(chance.event)).text(chance.limit)}"
-
-
-def _value(chance: Chance) -> str:
-    if chance.estimate.value > NEAR_ONE and chance.lower < SURELY:
-        return "hardly known"
-    if chance.estimate.value > 0.0:
-        return spoken_percent(chance.estimate.value)
-    return _below(chance.upper)
-
-
-def _below(upper: float) -> str:
-    """An upper limit of a probability in words; unknown where that limit is nearly 1."""
-    return UNKNOWN if upper > NEAR_ONE else f"below {spoken_percent(upper)}"
-
-
-def _interval(chance: Chance) -> str:
-    low = spoken_percent(chance.lower) if chance.lower > 0.0 else "0"
-    return f"{low} to {spoken_percent(chance.upper)}, {100.0 * chance.confidence:g} %"
-
-
-def _chance(chance: Chance) -> str:
-    return f"{_value(chance)} ({_interval(chance)})"
-
-
-def _hits(found: Reliability) -> str:
-    assert found.hits is not None
-    if found.hits_interval is None:
-        return count_of(found.hits.value)
-    low, high = found.hits_interval
-    return f"{count_of(found.hits.value)} ({count_of(low)} to {count_of(high)})"
-
-
-def _chances_grid(found: Reliability) -> Grid:
-    return Grid(
-        caption="How each probability was found",
-        headings=[
-            "event", "way", "probability", "interval", "bias of the step",
-            "missions, records or repetitions", "CPU s",
-        ],
-        rows=[
-            [
-                _event(each),
-                way_in_words(each.way),
-                _value(each),
-                _interval(each),
-                UNKNOWN if each.estimate.bias is None else spoken_percent(each.estimate.bias),
-                count_of(float(each.trials)),
-                f"{each.seconds:.2g}",
-            ]
-            for each in found.chances.values()
-        ],
-        words=2,
     )  # fmt: skip
-
-
-def _phases_grid(found: Reliability) -> Grid:
-    """The phases of a mission, each with its probabilities and expected impacts."""
-    return Grid(
-        caption="Phase by phase",
-        headings=["phase", "duration", *(_event(each) for each in found.chances.values()),
-                  "expected impacts"],
-        rows=[
-            [
-                name,
-                spoken_mission(phase.mission),
-                *(_value(phase.chances[event]) for event in found.chances),
-                UNKNOWN if phase.hits is None else count_of(phase.hits.value),
-            ]
-            for name, phase in found.phases.items()
-        ],
-        words=1,
-    )  # fmt: skip
-
-
-def _pairs_grid(found: Reliability) -> Grid:
-    return Grid(
-        caption="Pair by pair: the probability of an impact if this pair alone had stops, and "
-        "its share of the first impacts of a mission; its expected impacts there and their mean "
-        "speed, with all stops where they are",
-        headings=[
-            "pair",
-            "probability alone",
-            "of first impacts",
-            "expected impacts",
-            f"mean speed ({SPEED})",
-        ],
-        rows=[
-            [
-                name,
-                spoken_percent(risk.probability.value),
-                spoken_percent(risk.share_of_first_hits),
-                _known(risk.expected_hits),
-                _known(SPEED(risk.impact_speed_mean)),
-            ]
-            for name, risk in found.pairs.items()
-        ],
-        words=1,
-    )
-
-
-def _known(estimate: Estimate | None) -> str:
-    """A number with its 95 % half width."""
-    if estimate is None:
-        return UNKNOWN
-    if estimate.upper_95 is not None:
-        return f"below {estimate.upper_95:.3g}"
-    return f"{estimate.value:.3g} ± {estimate.half_width_95():.2g}"
-
-
-def _outputs_grid(found: Reliability) -> Grid:
-    limit = found.chances["peak_acceleration"].limit or 0.0
-    return Grid(
-        caption=f"Where an acceleration above {ACCELERATION.text(limit)} occurs while a stop is "
-        "touched",
-        headings=["coordinate or point", "probability"],
-        rows=[
-            [
-                name,
-                spoken_percent(chance.value)
-                if chance.upper_95 is None
-                else _below(chance.upper_95),
-            ]
-            for name, chance in found.outputs.items()
-        ],
-        words=1,
-    )
-
-
-def plot_chances(found: Reliability, ax: Axes | None = None) -> Axes:
-    """Each probability with its interval on a logarithmic axis; an upper limit as an arrow. Those
-    of phases stand below those of the whole mission."""
-    ax = axes_or_new(ax, PAGE)
-    drawn = [(_event(chance), chance) for chance in found.chances.values()]
-    least = SMALLEST_DRAWN * max((chance.upper for _, chance in drawn), default=0.0)
-    for name, phase in found.phases.items():
-        drawn += [
-            (f"{name}, {_event(chance)}", chance)
-            for chance in phase.chances.values()
-            if chance.upper > least
-        ]
-    for place, (words, chance) in enumerate(reversed(drawn)):
-        value, low, high = chance.estimate.value, chance.lower, chance.upper
-        if value > 0.0:
-            bars = [[value - low], [max(high - value, 0.0)]]
-            ax.errorbar([value], [place], xerr=bars, fmt="o", capsize=4, color=COLOURS["simulate"])
-        else:
-            ax.plot([high], [place], marker="<", markersize=9, color=COLOURS["simulate"])
-        # at the left edge, as a long text about its point would leave the picture
-        ax.annotate(
-            f"{words}: {_value(chance)}", (0.01, place), xytext=(0, 9), fontsize="small",
-            xycoords=ax.get_yaxis_transform(), textcoords="offset points",
-        )  # fmt: skip
-    ax.set_xscale("log")
-    ax.margins(x=0.2)
-    ax.set_ylim(-0.6, len(drawn) - 0.2)
-    ax.set_yticks([])
-    label_for_page(ax, f"probability in {spoken_mission(found.mission)}", "", legend=False)
-    return ax
 
 
 def _scene_section(scene: Scene, hung: SceneAtRest) -> Section:
@@ -641,32 +436,24 @@ def replay_page(
     found: Replay, scene: Scene, hung: SceneAtRest, record: RecordVerdict | None, origin: Origin
 ) -> Page:
     """The page of the motion of a structure between its stops under a record."""
-    summary = headline(found, record)
+    told = replay_told(found, record)
+    (motion,) = told.sections
     return Page(
         title=scene.title or "Replay of a record",
         subtitle=f"The record itself through the structure and its stops, {found.duration:.4g} s",
-        verdict=f"{summary[0].upper()}{summary[1:]}.",
-        statements=[] if record is None else [f"{record.sentence()}."],
-        alarm=any(
-            float(pair.hits) > 0.0
-            for each in found.clearances
-            for pair in each.impact_pairs.values()
-        ),
+        verdict=sentence(told.verdict),
+        statements=[] if record is None else [sentence(record.sentence())],
+        alarm=told.alarm,
         cards=[*record_cards(record), *_replay_cards(found)],
-        warnings=list(found.warnings),
+        warnings=told.warnings,
         sections=[
-            Section(
-                title="Motion and impacts",
-                lead="One record, one answer: nothing is sampled, every impact is located in time.",
-                grids=[_replay_grid(found)],
-                pictures=_replay_pictures(found, scene),
-            ),
+            replace(motion, pictures=_replay_pictures(found, scene)),
             _scene_section(scene, hung),
             Section(
                 title="Limits",
                 lead="Assumptions of this report.",
                 notes=[
-                    *(f"{text[0].upper()}{text[1:].rstrip('.')}." for text in found.assumptions),
+                    *map(sentence, found.assumptions),
                     "Another record of the same kind does something else: the peaks of one record "
                     "are no probability.",
                 ],
@@ -693,28 +480,6 @@ def _replay_cards(found: Replay) -> list[Fact]:
         for name, each in found.impact_pairs.items()
     ]
     return cards
-
-
-def _replay_grid(found: Replay) -> Grid:
-    """A row per quantity, a column per clearance."""
-    rows = []
-    first = found.clearances[0]
-    for group in ("coordinates", "impact_pairs"):
-        for owner, quantities in getattr(first, group).items():
-            for name, _ in quantities.items():
-                if name not in ROWS:
-                    continue
-                words, quantity = ROWS[name][0], of_angle(owner, ROWS[name][1])
-                values = [getattr(each, group)[owner][name] for each in found.clearances]
-                if all(value is None for value in values):
-                    continue  # the speed of no impact, the force of a rigid stop
-                texts = ["none" if v is None else f"{quantity(float(v)):.4g}" for v in values]
-                rows.append([f"{owner}: {quantity.heading(words)}", *texts])
-    headings = [
-        "as in the scene" if each.clearance is None else f"at {spoken_length(each.clearance)}"
-        for each in found.clearances
-    ]
-    return Grid(caption="The record itself", headings=["", *headings], rows=rows)
 
 
 def _replay_pictures(found: Replay, scene: Scene) -> list[Picture]:
