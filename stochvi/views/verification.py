@@ -735,7 +735,7 @@ print_replay = printed(replay_told)
 
 
 def _replay_grid(found: Replay) -> Grid:
-    """A row per quantity, a column per clearance; of a single one the biases stand beside it."""
+    """A row per quantity, a column per clearance; the biases of a single one stand beside it."""
     single = found.only
     biased = single is not None and any(own.bias for *_, own in single.estimates())
     rows = []
