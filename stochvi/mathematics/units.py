@@ -918,13 +918,16 @@ NUMBER = ShownQuantity("number", Size("", 1.0))
 PERCENT = ShownQuantity("share", Size("%", 0.01))
 
 BY_SI_UNIT = {
-    "m": ("length", 1, ""), "m^2": ("length", 2, ""), "m^2/Hz": ("length", 2, "/Hz"),
+    "m": ("length", 1, ""), "m^2": ("length", 2, ""),
     "m/s": ("speed", 1, ""), "m^2/s^2": ("speed", 2, ""), "(m/s)^2/Hz": ("speed", 2, "/Hz"),
     "m/s^2": ("acceleration", 1, ""), "m/s2": ("acceleration", 1, ""),
     "(m/s^2)^2/Hz": ("acceleration density", 1, ""), "N": ("force", 1, ""), "J": ("energy", 1, ""),
     "N/m": ("stiffness", 1, ""), "s": ("time", 1, ""), "1/s": ("rate", 1, ""),
 }  # fmt: skip
 """Quantity and power by the SI unit of a table."""
+
+PER = ("Hz", "h", "kg")
+"""Units that stay below the bar whatever is chosen above it: J/h becomes mJ/h."""
 
 WITHOUT_CHOICE = frozenset((
     "", "1", "%", "rad", "rad/s", "rad/s^2", "rad^2", "rad^2/s^2", "rad^2/Hz", "(rad/s)^2/Hz",
@@ -938,14 +941,23 @@ def shown_as(si_unit: str) -> ShownQuantity:
     """The quantity of an SI unit, shown in that unit unless another one is chosen; what has no
     choice, such as rad, keeps its unit.
 
-    >>> with shown_in(units_of("mm")):
-    ...     [str(shown_as(each)) for each in ("m^2", "rad")], shown_as("m^2")(1.0)
-    (['mm²', 'rad'], 1000000.0)
+    >>> with shown_in(units_of("mm, mJ")):
+    ...     [str(shown_as(each)) for each in ("m^2", "rad", "J/h")], shown_as("m^2")(1.0)
+    (['mm²', 'rad', 'mJ/h'], 1000000.0)
     """
-    if units_are_chosen() and si_unit not in BY_SI_UNIT and si_unit not in WITHOUT_CHOICE:
+    if units_are_chosen() and si_unit not in WITHOUT_CHOICE and _quantity_of(si_unit)[0] == si_unit:
         _passed_over.get()[si_unit] = None
-    quantity, power, per = BY_SI_UNIT.get(si_unit, (si_unit, 1, ""))
-    return ShownQuantity(quantity, Size(si_unit, 1.0), power, per)
+    return ShownQuantity(*_quantity_of(si_unit))
+
+
+def _quantity_of(si_unit: str) -> tuple[str, Size, int, str]:
+    """The parts of a `ShownQuantity` by its SI unit; a quotient is read from its parts."""
+    above, _, below = si_unit.rpartition("/")
+    known, per = BY_SI_UNIT.get(si_unit), ""
+    if known is None and above and below in PER:
+        known, per = BY_SI_UNIT.get(above), f"/{below}"
+    quantity, power, own = known or (si_unit, 1, "")
+    return quantity, Size(si_unit, 1.0), power, own + per
 
 
 def readable(si_unit: str) -> ShownQuantity:

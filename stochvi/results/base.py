@@ -1,4 +1,4 @@
-"""The base of every answer, and the stationary response. Chapters: units of quantities; quantities
+"""The base of every answer, and the stationary response. Chapters: described fields; quantities
 of the hardest impact; units in column names; the class `Result`, with JSON document, table and
 notebook page; the class `Response`."""
 
@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, TypeVar, cast
 
 import numpy as np
 
@@ -45,33 +45,40 @@ if TYPE_CHECKING:
 
 
 # ------------------------------------------------------------------------------
-# Units of the quantities of a response.
+# Fields that carry their words and unit: the one description of a quantity of an answer.
 # ------------------------------------------------------------------------------
 
 
-QUANTITY_UNITS = {
-    "displacement_mean": "m",
-    "displacement_std": "m",
-    "displacement_mean_square": "m^2",
-    "velocity_std": "m/s",
-    "velocity_mean_square": "m^2/s^2",
-    "acceleration_std": "m/s^2",
-    "upcrossing_rate": "1/s",
-    "collision_rate": "1/s",
-    "collision_rate_lower": "1/s",
-    "collision_rate_upper": "1/s",
-    "impact_speed_mean": "m/s",
-    "impact_speed_rate": "m/s^2",
-    "impact_speed_square_rate": "m^2/s^3",
-    "peak_force": "N",
-    "contact_probability": "1",
-    "contact_force_lower": "N",
-    "contact_force_upper": "N",
-    "relative_displacement_mean": "m",
-    "relative_displacement_std": "m",
-    "relative_velocity_std": "m/s",
-}
-"""Units of all quantities of a coordinate, then of an impact pair."""
+class Stated(NamedTuple):
+    """What a field of an answer holds: its words in tables, and its SI unit."""
+
+    words: str
+    unit: str
+
+
+def stated(words: str, unit: str = "1") -> Any:
+    """A field for a number of an answer, None where it is not known, with its words and SI unit.
+
+    Tables, files and pages take both from here.
+    """
+    return field(default=None, metadata={"stated": Stated(words, unit)})
+
+
+@cache
+def quantities_of(kind: Any) -> Mapping[str, Stated]:
+    """The stated fields of a class, by name.
+
+    >>> quantities_of(CoordinateResponse)["displacement_std"]
+    Stated(words='std. dev. of displ.', unit='m')
+    """
+    named = ((each.name, each.metadata.get("stated")) for each in fields(kind))
+    return {name: known for name, known in named if known is not None}
+
+
+def unit_of(owner: str, name: str) -> str:
+    """The unit of a quantity of a response; none of a statistic, whose function has its own."""
+    return in_angles(owner, RESPONSE_QUANTITIES[name].unit) if name in RESPONSE_QUANTITIES else ""
+
 
 ROTATIONS = ("rx", "ry", "rz")
 """Coordinates of a rigid body that are angles, rad."""
@@ -99,11 +106,6 @@ def of_angle(owner: str, quantity: ShownQuantity) -> ShownQuantity:
     ('3.6 mrad', '3.6 mm')
     """
     return ANGULAR.get(quantity, quantity) if owner in ROTATIONS else quantity
-
-
-def unit_of(owner: str, name: str) -> str:
-    """The unit of a quantity; none of a statistic, whose function has a unit of its own."""
-    return in_angles(owner, QUANTITY_UNITS[name]) if name in QUANTITY_UNITS else ""
 
 
 # ------------------------------------------------------------------------------
@@ -152,7 +154,6 @@ SUFFIXES = {
 the name."""
 
 COLUMN_UNITS = {
-    **QUANTITY_UNITS,
     "clearance": "m", "sigma": "m", "play": "m", "shift": "m", "rattle_space": "m",
     "displacement": "m", "displacement_min": "m", "displacement_max": "m",
     "velocity": "m/s", "speed": "m/s", "impact_speed": "m/s", "impact_speed_max": "m/s",
@@ -166,7 +167,7 @@ COLUMN_UNITS = {
     "rice": "1/s", "closure": "1/s", "simulated": "1/s", "rice_rate": "1/s",
     "first_hit_rate": "1/s", "hit_rate": "1/s", "exceedance_rate": "1/s", "lyapunov": "1/s",
 }  # fmt: skip
-"""Units of the columns of tables by their names."""
+"""Units of the columns of tables by their names, beside those of `RESPONSE_QUANTITIES`."""
 
 DENSITY_UNITS = {"equivalent_density": "(m/s^2)^2/Hz", "fatigue_damage": "(m/s)^b"}
 """Units that files for programs state and names of columns do not."""
@@ -209,7 +210,11 @@ def unit_of_column(column: str) -> str | None:
     ('m/s^2', '(m/s^2)^2/Hz')
     """
     name, _ = _parts(column)
-    return {**COLUMN_UNITS, **DENSITY_UNITS}.get(name)
+    return _unit_of_name(name) or DENSITY_UNITS.get(name)
+
+
+def _unit_of_name(name: str) -> str | None:
+    return RESPONSE_QUANTITIES[name].unit if name in RESPONSE_QUANTITIES else COLUMN_UNITS.get(name)
 
 
 def _parts(column: str) -> tuple[str, str]:
@@ -221,7 +226,7 @@ def _parts(column: str) -> tuple[str, str]:
 
 def _named(column: str) -> str:
     name, ending = _parts(column)
-    unit = COLUMN_UNITS.get(name)
+    unit = _unit_of_name(name)
     return column if unit is None else with_unit(name, unit) + ending
 
 
@@ -269,7 +274,7 @@ def _quantity_of(column: str, units: Mapping[str, str]) -> tuple[str, ShownQuant
     for known, suffix in sorted(SUFFIXES.items(), key=lambda each: -len(each[1])):
         if name.endswith(f"_{suffix}"):
             return name.removesuffix(f"_{suffix}"), shown_as(known), ending
-    unit = units.get(name) or COLUMN_UNITS.get(name)
+    unit = units.get(name) or _unit_of_name(name)
     return name, None if unit is None else shown_as(unit), ending
 
 
@@ -522,13 +527,13 @@ class CoordinateResponse(Quantities[Estimate | None]):
     stochvi.Response : The answer that holds it.
     """
 
-    displacement_mean: Estimate | None = None
-    displacement_std: Estimate | None = None
-    displacement_mean_square: Estimate | None = None
-    velocity_std: Estimate | None = None
-    velocity_mean_square: Estimate | None = None
-    acceleration_std: Estimate | None = None
-    upcrossing_rate: Estimate | None = None
+    displacement_mean: Estimate | None = stated("mean displacement", "m")
+    displacement_std: Estimate | None = stated("std. dev. of displ.", "m")
+    displacement_mean_square: Estimate | None = stated("mean square displ.", "m^2")
+    velocity_std: Estimate | None = stated("rms velocity", "m/s")
+    velocity_mean_square: Estimate | None = stated("mean square velocity", "m^2/s^2")
+    acceleration_std: Estimate | None = stated("std. dev. abs. accel.", "m/s^2")
+    upcrossing_rate: Estimate | None = stated("up-crossings of mean", "1/s")
 
 
 NEVER_ZERO = (
@@ -576,19 +581,19 @@ class PairResponse(Quantities[Estimate | float | None]):
     stochvi.Response : The answer that holds it.
     """
 
-    collision_rate: Estimate | None = None
-    collision_rate_lower: Estimate | None = None
-    collision_rate_upper: Estimate | None = None
-    impact_speed_mean: Estimate | None = None
-    impact_speed_rate: Estimate | None = None
-    impact_speed_square_rate: Estimate | None = None
-    peak_force: Estimate | None = None
-    contact_probability: Estimate | None = None
-    contact_force_lower: Estimate | None = None
-    contact_force_upper: Estimate | None = None
-    relative_displacement_mean: Estimate | None = None
-    relative_displacement_std: Estimate | None = None
-    relative_velocity_std: Estimate | None = None
+    collision_rate: Estimate | None = stated("impacts, all stops", "1/s")
+    collision_rate_lower: Estimate | None = stated("impacts, lower stop", "1/s")
+    collision_rate_upper: Estimate | None = stated("impacts, upper stop", "1/s")
+    impact_speed_mean: Estimate | None = stated("mean impact speed", "m/s")
+    impact_speed_rate: Estimate | None = stated("F1, sum of w per s", "m/s^2")
+    impact_speed_square_rate: Estimate | None = stated("F2, sum of w^2 per s", "m^2/s^3")
+    peak_force: Estimate | None = stated("mean peak force", "N")
+    contact_probability: Estimate | None = stated("share of time in contact")
+    contact_force_lower: Estimate | None = stated("mean force, lower stop", "N")
+    contact_force_upper: Estimate | None = stated("mean force, upper stop", "N")
+    relative_displacement_mean: Estimate | None = stated("mean relative displ.", "m")
+    relative_displacement_std: Estimate | None = stated("std. dev. rel. displ.", "m")
+    relative_velocity_std: Estimate | None = stated("rms relative velocity", "m/s")
     speed_threshold: float = 0.0
 
     def __post_init__(self) -> None:
@@ -605,6 +610,10 @@ class PairResponse(Quantities[Estimate | float | None]):
             for name in super()._names()
             if not (name.startswith("relative_") and getattr(self, name) is None)
         ]
+
+
+RESPONSE_QUANTITIES = {**quantities_of(CoordinateResponse), **quantities_of(PairResponse)}
+"""Words and units of all quantities of a coordinate, then of an impact pair."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

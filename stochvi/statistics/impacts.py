@@ -32,7 +32,7 @@ from stochvi.methods.monte_carlo.simulation import check_threshold
 from stochvi.model.coverage import beyond_one_oscillator, free_motion
 from stochvi.model.modal import linear_law
 from stochvi.model.model import UPPER, Model, Pair, model_of
-from stochvi.results.base import Result, in_chosen_units
+from stochvi.results.base import Result, Stated, in_chosen_units, quantities_of, stated
 from stochvi.results.deadline import Deadline, partial_result
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import (
@@ -394,16 +394,16 @@ class PairStatistics:
 
     speed_threshold: float
     rates: Mapping[str, Rate]
-    dispersion: Estimate | None
+    dispersion: Estimate | None = stated("variance / mean of counts")
     speeds: Histogram | None
     intervals: Histogram | None
-    speed_rms: Estimate | None
+    speed_rms: Estimate | None = stated("rms impact speed", "m/s")
     exponents: Mapping[str, Exponent]
-    energy: Estimate | None
-    striking_energy: Estimate | None
+    energy: Estimate | None = stated("energy lost per impact", "J")
+    striking_energy: Estimate | None = stated("striking energy, m w^2 / 2", "J")
     rice_rates: Mapping[str, float] | None
-    clump_rate: float | None
-    first_hit_rate: Estimate | None
+    clump_rate: float | None = stated("clumps without stops (Vanmarcke)", "1/s")
+    first_hit_rate: Estimate | None = stated("first impacts without stops", "1/s")
     energy_unit: str = "J"
 
     def rayleigh(self, speed: ArrayLike) -> Vector:
@@ -527,6 +527,10 @@ class ImpactStatistics(Result):
         return "; ".join(found)
 
 
+def _is_no_rate(stated: tuple[str, Stated]) -> bool:
+    return stated[1].unit != "1/s"
+
+
 def _rows(name: str, pair: PairStatistics) -> list[dict[str, Any]]:
     """Rows of `to_frame` for one pair."""
     rows: list[dict[str, Any]] = []
@@ -543,13 +547,11 @@ def _rows(name: str, pair: PairStatistics) -> list[dict[str, Any]]:
         add(f"rate, {side}", "1/s", each.estimate, by=each.interval, **bounds)
         if pair.rice_rates is not None:
             add(f"Rice without stops, {side}", "1/s", Estimate(value=pair.rice_rates[side]))
-    if pair.clump_rate is not None:
-        add("clumps without stops (Vanmarcke)", "1/s", Estimate(value=pair.clump_rate))
-    add("first impacts without stops", "1/s", pair.first_hit_rate)
-    add("variance / mean of counts", "1", pair.dispersion)
-    add("rms impact speed", "m/s", pair.speed_rms)
-    add("energy lost per impact", pair.energy_unit, pair.energy)
-    add("striking energy, m w^2 / 2", pair.energy_unit, pair.striking_energy)
+    # rates stand together
+    for field, known in sorted(quantities_of(PairStatistics).items(), key=_is_no_rate):
+        found = getattr(pair, field)
+        estimate = Estimate(value=found) if isinstance(found, float) else found
+        add(known.words, known.unit.replace("J", pair.energy_unit), estimate)
     for side, exponent in pair.exponents.items():
         add(f"exponent of slow impacts, {side}", "1", exponent.fitted)
         if exponent.theory is not None:

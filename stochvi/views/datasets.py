@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stochvi.mathematics.units import ShownQuantity, readable, shown_as
-from stochvi.results.base import QUANTITY_UNITS, with_unit
+from stochvi.results.base import RESPONSE_QUANTITIES, with_unit
 from stochvi.results.estimates import BIAS, BIAS_ERROR, ERROR, GAUSSIAN_95, LIMIT, Estimate
 from stochvi.scenes.keys import KEY_UNITS
 from stochvi.views.axes import axes_or_new
@@ -96,7 +96,7 @@ EVENT_NAMES = {
 }
 """Quantities of sizings, reliabilities and replays in words."""
 
-UNITS = {**QUANTITY_UNITS, **SUMMARY_UNITS}
+UNITS = {name: each.unit for name, each in RESPONSE_QUANTITIES.items()} | SUMMARY_UNITS
 """Units of all quantities of a sweep."""
 
 

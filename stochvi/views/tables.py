@@ -23,7 +23,7 @@ from stochvi.mathematics.units import (
     shown_as,
     spoken_mission,
 )
-from stochvi.results.base import QUANTITY_UNITS, Response, unit_of
+from stochvi.results.base import RESPONSE_QUANTITIES, Response, unit_of
 from stochvi.results.estimates import Estimate, format_with_error, spoken_percent
 
 if TYPE_CHECKING:
@@ -32,28 +32,7 @@ if TYPE_CHECKING:
     from stochvi.isolators.sizing.answer import Sizing
     from stochvi.methods.fokker_planck import FirstPassage
 
-QUANTITY_NAMES = {
-    "displacement_mean": "mean displacement",
-    "displacement_std": "std. dev. of displ.",
-    "displacement_mean_square": "mean square displ.",
-    "velocity_std": "rms velocity",
-    "velocity_mean_square": "mean square velocity",
-    "acceleration_std": "std. dev. abs. accel.",
-    "upcrossing_rate": "up-crossings of mean",
-    "collision_rate": "impacts, all stops",
-    "collision_rate_lower": "impacts, lower stop",
-    "collision_rate_upper": "impacts, upper stop",
-    "impact_speed_mean": "mean impact speed",
-    "impact_speed_rate": "F1, sum of w per s",
-    "impact_speed_square_rate": "F2, sum of w^2 per s",
-    "peak_force": "mean peak force",
-    "contact_probability": "share of time in contact",
-    "contact_force_lower": "mean force, lower stop",
-    "contact_force_upper": "mean force, upper stop",
-    "relative_displacement_mean": "mean relative displ.",
-    "relative_displacement_std": "std. dev. rel. displ.",
-    "relative_velocity_std": "rms relative velocity",
-}
+QUANTITY_NAMES = {name: each.words for name, each in RESPONSE_QUANTITIES.items()}
 """Short names of quantities in tables; w is the speed of an impact. The standard deviation of a
 displacement leaves out its mean; velocities and accelerations of a stationary motion have none."""
 
@@ -255,7 +234,7 @@ def methods_table(responses: Sequence[Response]) -> pd.DataFrame:
         found = {name: estimate for (_, name), estimate in response.estimates().items()}
         row = {"method": response.method.removeprefix("linearise:")}
         for name, heading in METHOD_COLUMNS.items():
-            quantity = shown_as(QUANTITY_UNITS[name])
+            quantity = shown_as(RESPONSE_QUANTITIES[name].unit)
             words = quantity.heading(heading) if quantity.chosen else heading
             row[words] = value_with_error(quantity(found[name])) if name in found else ""
         rows.append(row)

@@ -409,7 +409,7 @@ def test_a_unit_that_no_choice_is_known_for_is_told(
 ) -> None:
     """All that there are now are known, or stay as they are on purpose."""
     known = {*base.COLUMN_UNITS.values(), *base.DENSITY_UNITS.values(), *base.SUFFIXES}
-    angles = {base.in_angles("ry", each) for each in base.QUANTITY_UNITS.values()}
+    angles = {base.in_angles("ry", each.unit) for each in base.RESPONSE_QUANTITIES.values()}
     with shown_in(units_of("in")):
         for unit in known | angles:
             shown_as(unit)
@@ -417,7 +417,7 @@ def test_a_unit_that_no_choice_is_known_for_is_told(
     scene = str(shipped_scene("oscillator-lossy"))
     said = "note: numbers in Pa are shown as they are"
     assert said not in stochvi("linearise", scene, "--units", "in").err
-    monkeypatch.setitem(base.QUANTITY_UNITS, "displacement_std", "Pa")
+    monkeypatch.setitem(base.RESPONSE_QUANTITIES, "displacement_std", base.Stated("pressure", "Pa"))
     assert said in stochvi("linearise", scene, "--units", "in").err
     assert said not in stochvi("linearise", scene).err
 

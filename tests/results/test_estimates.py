@@ -18,7 +18,7 @@ from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
-from stochvi.results.base import QUANTITY_UNITS, CoordinateResponse, PairResponse, Response
+from stochvi.results.base import RESPONSE_QUANTITIES, CoordinateResponse, PairResponse, Response
 from stochvi.results.estimates import (
     GAUSSIAN_95,
     Estimate,
@@ -253,9 +253,8 @@ def test_the_frame_of_a_response_has_a_row_for_each_estimate_and_a_column_for_ea
     assert len(frame) == len(response.estimates())
     assert not frame[["of", "quantity"]].duplicated().any()
     assert set(frame["of"]) == {"x", "stops"}
-    assert (
-        dict(zip(frame["quantity"], frame["unit"], strict=True)).items() <= QUANTITY_UNITS.items()
-    )
+    for name, unit in zip(frame["quantity"], frame["unit"], strict=True):
+        assert unit == RESPONSE_QUANTITIES[name].unit
     rate = frame.set_index("quantity").loc["collision_rate", "value"]
     assert rate == response.impact_pairs["stops"]["collision_rate"].value
     assert "displacement_std" in response._repr_html_()
@@ -264,8 +263,8 @@ def test_the_frame_of_a_response_has_a_row_for_each_estimate_and_a_column_for_ea
 def test_every_quantity_has_a_unit_and_a_place_in_a_response():
     response = exact(oscillator(-1.0, 1.0))
     named = {*response.coordinates["x"], *response.impact_pairs["stops"]} - {"speed_threshold"}
-    relative = {name for name in QUANTITY_UNITS if name.startswith("relative_")}
-    assert named == set(QUANTITY_UNITS) - relative
+    relative = {name for name in RESPONSE_QUANTITIES if name.startswith("relative_")}
+    assert named == set(RESPONSE_QUANTITIES) - relative
     # those are of a pair between two coordinates
     box = simulate(load_scene(shipped_scene("absorber-in-a-box")), paths=2, duration=20.0)
     assert relative < set(box.impact_pairs["box"])

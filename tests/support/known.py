@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from stochvi.results.base import QUANTITY_UNITS, Response
+from stochvi.results.base import RESPONSE_QUANTITIES, Response
 from stochvi.scenes.datasets import data_folder
 from stochvi.scenes.excitations import ConstantLoad, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
@@ -29,7 +29,7 @@ class Units:
     length: float = 1.0
 
     def factor(self, quantity: str) -> float:
-        """SI value of a quantity (`QUANTITY_UNITS`) that is 1 where all three units are 1."""
+        """SI value of a quantity that is 1 where all three units are 1."""
         metres, seconds = {
             "m": (1, 0),
             "m^2": (2, 0),
@@ -39,7 +39,7 @@ class Units:
             "m^2/s^3": (2, -3),
             "1/s": (0, -1),
             "1": (0, 0),
-        }[QUANTITY_UNITS[quantity]]
+        }[RESPONSE_QUANTITIES[quantity].unit]
         return self.length**metres * self.omega**-seconds
 
 

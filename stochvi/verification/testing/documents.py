@@ -21,7 +21,7 @@ from pydantic import BeforeValidator, Field
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import checked
 from stochvi.model.model import UPPER, Model, Pair, inertia_of
-from stochvi.results.base import QUANTITY_UNITS, Response
+from stochvi.results.base import RESPONSE_QUANTITIES, Response
 from stochvi.results.errors import SceneError
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.excitations import (
@@ -480,7 +480,7 @@ form or the Fokker-Planck equation knows it.
 
 def _quantity(name: str) -> dict[str, str]:
     kind = split(name)[1]
-    return {"name": name, "unit": QUANTITY_UNITS[kind], "definition": DEFINITIONS[kind]}
+    return {"name": name, "unit": RESPONSE_QUANTITIES[kind].unit, "definition": DEFINITIONS[kind]}
 
 
 def _noises(model: Model) -> Iterator[dict[str, Any]]:

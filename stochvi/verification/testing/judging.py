@@ -15,7 +15,7 @@ import scipy
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.base import (
     COMMON,
-    QUANTITY_UNITS,
+    RESPONSE_QUANTITIES,
     CoordinateResponse,
     PairResponse,
     Response,
@@ -1032,7 +1032,7 @@ def _finding(judged: Measured, name: str, alarm_rate: float, allowed: float) -> 
     row: dict[str, Any] = {
         "scene": problem.name,
         "quantity": name,
-        "unit": QUANTITY_UNITS[split(name)[1]],
+        "unit": RESPONSE_QUANTITIES[split(name)[1]].unit,
         "truth": truth.value,
         "truth_error": truth.bias or 0.0,
         "known_by": truth.how.split(",")[0],

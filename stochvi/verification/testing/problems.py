@@ -401,7 +401,7 @@ QUANTITIES = (
     "impact_speed_rate",
     "impact_speed_square_rate",
 )
-"""The quantities that are judged: moments, impacts per second, F1 and F2 (`QUANTITY_UNITS`). The
+"""The quantities that are judged: moments, impacts per second, F1 and F2. The
 standard deviation of the velocity and the rates show mistakes that displacements hide."""
 
 AVERAGES = (

@@ -64,14 +64,12 @@ from stochvi.methods.monte_carlo.plan import PathStatistics, bias_of_lasting_con
 from stochvi.methods.monte_carlo.tabulated import BIN_ERROR, FOLD_FROM, LARGEST_LOSS, TabulatedPlan
 from stochvi.methods.monte_carlo.white import CONTACT_ROWS
 from stochvi.model.model import model_of
-from stochvi.results.base import QUANTITY_UNITS
 from stochvi.scenes import Modulation
 from stochvi.scenes.datasets import profiles
 from stochvi.scenes.excitations import FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Elastic, Law, Viscoelastic
 from stochvi.scenes.scene import scene_from
 from stochvi.testing import assert_agrees
-from stochvi.views.tables import QUANTITY_NAMES
 from support.accuracies import quick_cases
 from support.known import values
 from support.modulated import S0, B, M, W, scene_of
@@ -779,10 +777,6 @@ def test_digits_depend_neither_on_blocks_nor_on_threads() -> None:
     assert np.array_equal(whole, np.concatenate(parts, axis=1))
     one, two = (simulate(scene, paths=96, duration=5.0, seed=2, threads=n) for n in (1, 2))
     assert one.estimates() == two.estimates()
-
-
-def test_every_quantity_has_a_name_to_be_printed_by() -> None:
-    assert set(QUANTITY_NAMES) == set(QUANTITY_UNITS)
 
 
 def test_a_path_may_be_recorded() -> None:
