@@ -655,7 +655,7 @@ class SizingJob:
             if known.kept is not None and edge and edge is known.unknown:
                 least, most = map(self.method.length, (self.method.place_at(edge[0]), known.kept))
                 if SEARCH.near_enough * most <= least < most:
-                    return self.enough(known.kept, known.above)
+                    return self.enough(known.kept, known)
             place = self.method.place_at(self._next(edge, known.below, point))
         return self._without_decision(known, attempt)
 
@@ -682,8 +682,7 @@ class SizingJob:
         """The answer from the closest place, where no place had the wanted rate; else raise."""
         if known.closest is not None:
             return self.extrapolated(*known.closest, known.slope)
-        kept = known.kept if known.above or known.unknown else None
-        answer = None if kept is None else self.enough(kept, known.above)
+        answer = None if known.kept is None else self.enough(known.kept, known)
         sought = f"the clearance for {self.target.name} = {self.target.value:g}"
         between = ""
         if known.unknown:
@@ -802,15 +801,18 @@ class SizingJob:
         except (NotApplicable, NotConverged, Interrupted):
             return None
 
-    def enough(self, kept: float, above: Point | None) -> Reached:
+    def enough(self, kept: float, known: TriedPlaces) -> Reached:
         """The nearest place that is shown to keep the target, where too few impacts beyond the
         limit are seen at nearer ones; the interval begins where the limit is seen to be
         exceeded."""
         self.kept_with = self.exceeded.get(kept)
-        self.warnings.append(
-            f"less than {self.method.words(kept)} may do as well: too few impacts beyond the limit "
-            "were seen there"
+        above = known.above
+        why = (
+            "too few impacts beyond the limit were seen there"
+            if above or known.unknown
+            else "the budget ended before less was tried"
         )
+        self.warnings.append(f"less than {self.method.words(kept)} may do as well: {why}")
         return Reached(
             kept, min(self.method.place_at(above[0]), kept) if above else -math.inf, kept
         )
