@@ -4,45 +4,30 @@ of a stop from a test; screening, clearance, sizing and jolts; replay of a recor
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
-import click
-
+from stochvi.cli.declared import Question, Show, command, declare
 from stochvi.cli.options import (
     BUDGET,
-    CHANCE,
-    RATE,
-    SPEED,
-    TIME,
     Common,
-    Quantity,
     Varied,
     acceleration,
     band,
-    common,
-    equipped,
     fail_unless_gaussian,
-    judged_record,
-    keeping,
     lengths,
     numbers,
     shown,
     tolerances_of,
-    varied,
 )
-from stochvi.cli.program import FAILED, main, stop
+from stochvi.cli.program import FAILED, stop
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.axes import Axes
 
-    from stochvi.absorbers import AbsorberReport, AbsorberSine, Design
-    from stochvi.isolators import Jolts, Sizing
-    from stochvi.isolators.record_verdict import RecordVerdict
+    from stochvi.isolators import Sizing
     from stochvi.mathematics.numerics import Vector
+    from stochvi.methods.replay import Replay
     from stochvi.scenes.scene import Scene
 
 
@@ -65,41 +50,57 @@ NEVER_WITH = ("at", "pair", "common", "sensitivity", "tolerances")
 """Targets of `size`, and its options that do not go with a map, damage or phases."""
 
 
-def other_sizing(
-    options: Common, scene: str, loaded: Scene, given: dict[str, Any], other: dict[str, Any]
-) -> bool:
-    """Show a map, a sizing by damage or one of phases, if one of them is asked for.
-
-    `scene` is the file of the scene, `given` are the arguments of `size`, and `other` those of
-    `OTHER`.
-    """
+def other_sizing(question: Question, other: dict[str, Any]) -> Show | None:
+    """What shows a map, a sizing by damage or one of phases, if one of them is asked for; it is
+    then what the question asks. `other` are the options `OTHER`."""
+    given, scene = question.asked, question.scene
     limits = {name: other[name] for name in ("pad_force", "rattle_space")}
     if other["wanted"] is not None and other["damage_ratio"] is not None:
         raise ValueError("--map must stand without --damage-ratio, got both")
     if other["wanted"] is not None:
         _refuse("--map", given, (*NEVER_WITH, *(set(TARGETS) - {"peak_acceleration"})))
         limits["peak_acceleration"] = given["peak_acceleration"]
-        _show_map(options, loaded, other["wanted"], limits, _left(given))
-        return True
+        kept = {name: most for name, most in limits.items() if most is not None}
+        asked = _left(given) | {"limits": kept, **_ranges(scene, other["wanted"])}
+        question.asks("isolators.bumpers:bumper_map", "map", asked)
+        question.judged = True
+        return question.show
     if any(limit is not None for limit in limits.values()):
         raise ValueError("--pad-force and --rattle-space must stand with --map, got no --map")
     if other["damage_ratio"] is not None:
         never = [name for name in NEVER_WITH if name != "at"]
         _refuse("--damage-ratio", given, (*never, *TARGETS))
-        left = {name: each for name, each in _left(given).items() if name != "exceedance"}
-        left |= {} if given["at"] is None else {"at": given["at"]}
-        _show_damage(options, scene, loaded, other, left)
-        return True
+        asked = {name: each for name, each in _left(given).items() if name != "exceedance"}
+        asked |= {} if given["at"] is None else {"at": given["at"]}
+        asked |= {"ratio": other["damage_ratio"], "q": other["q"], "exponent": other["exponent"]}
+        asked["equipment"] = band("--equipment", other["equipment"])
+        question.asks("isolators.sizing.size:size_by_damage", "damage", asked)
+        return _with_report(question)
     from stochvi.isolators.sizing.size import is_not_gaussian
 
-    if loaded.phases or is_not_gaussian(loaded):
+    if scene.phases or is_not_gaussian(scene):
         alone = "noise that is not Gaussian, or shocks,"
-        what = "a scene with phases" if loaded.phases else alone
-        part = "size one phase, as FILE.toml#PHASE" if loaded.phases else "leave it out"
+        what = "a scene with phases" if scene.phases else alone
+        part = "size one phase, as FILE.toml#PHASE" if scene.phases else "leave it out"
         _refuse(what, given, tuple(name for name in NEVER_WITH if name != "common"), part)
-        _show_phases(options, scene, loaded, given)
-        return True
-    return False
+        asked = {name: each for name, each in given.items() if name not in NEVER_WITH}
+        question.asks(question.of, "phases", asked | {"common": names_in(given["common"])})
+        return _with_report(question)
+    return None
+
+
+def _with_report(question: Question) -> Show:
+    """What shows a clearance with its report."""
+
+    def show(answer: Any) -> None:
+        question.show(answer)
+        if (out := question.options.out) is not None:
+            from stochvi.views.report import write_clearance_report
+
+            origin = question.options.origin(question.file, answer.provenance)
+            write_clearance_report(answer, out, origin)
+
+    return show
 
 
 def names_in(text: str | None) -> list[str]:
@@ -120,75 +121,6 @@ def _left(given: dict[str, Any]) -> dict[str, Any]:
     """Arguments that go on to a calculation: those with a value, without targets."""
     unused = (*TARGETS, *NEVER_WITH)
     return {name: each for name, each in given.items() if name not in unused and each is not None}
-
-
-def _show(
-    options: Common, title: str, solve: Callable[..., Any], given: dict[str, Any],
-    tell: Callable[..., None], draw: Callable[[Any], Any], report_of: str | None = None,
-    record: RecordVerdict | None = None,
-) -> None:  # fmt: skip
-    """Find an answer and show it; its files have the name `title`. A clearance also gets a report,
-    that of the scene file `report_of`; the `record` of an answer that does not judge it itself
-    stands before it."""
-    judged: list[RecordVerdict | None] = []
-
-    def found() -> Any:
-        with options.progress(title) as report:
-            return solve(progress=report, **options.sampling, **given)
-
-    def show(answer: Any) -> None:
-        judged.append(getattr(answer, "record", None))
-        options.show(answer, tell, title, record=record)
-        options.draw(title, lambda: draw(answer))
-        if options.out is not None and report_of is not None:
-            from stochvi.views.report import write_clearance_report
-
-            origin = options.origin(report_of, answer.provenance)
-            write_clearance_report(answer, options.out, origin)
-
-    shown(found, show, given)
-    for record in judged:
-        fail_unless_gaussian(record)
-
-
-def _show_map(
-    options: Common, loaded: Scene, wanted: str, limits: dict[str, float | None],
-    given: dict[str, Any],
-) -> None:  # fmt: skip
-    from stochvi.isolators.bumpers import bumper_map
-    from stochvi.views.statistics import draw_bumper_map, print_bumper_map
-
-    kept = {name: most for name, most in limits.items() if most is not None}
-    solve = partial(bumper_map, loaded, limits=kept, **_ranges(loaded, wanted))  # type: ignore[arg-type]
-    _show(
-        options, "map", solve, given, print_bumper_map,
-        lambda answer: draw_bumper_map(answer, loaded.title), record=judged_record(loaded),
-    )  # fmt: skip
-
-
-def _show_damage(
-    options: Common, scene: str, loaded: Scene, other: dict[str, Any], given: dict[str, Any]
-) -> None:
-    from stochvi.isolators.sizing.size import size_by_damage
-    from stochvi.views.isolator_tables import plot_damage_sizing, print_damage_sizing
-
-    solve = partial(
-        size_by_damage, loaded, ratio=other["damage_ratio"], q=other["q"],
-        exponent=other["exponent"], equipment=band("--equipment", other["equipment"]),
-    )  # fmt: skip
-    _show(options, "damage", solve, given, print_damage_sizing, plot_damage_sizing, scene)
-
-
-def _show_phases(options: Common, scene: str, loaded: Scene, given: dict[str, Any]) -> None:
-    from stochvi.isolators.sizing.size import size
-    from stochvi.views.isolator_tables import plot_mission_sizing, print_mission_sizing
-
-    common = names_in(given["common"])
-    given = {name: each for name, each in given.items() if name not in NEVER_WITH}
-    _show(
-        options, "phases", partial(size, loaded, common=common), given, print_mission_sizing,
-        plot_mission_sizing, scene,
-    )  # fmt: skip
 
 
 def _ranges(scene: Scene, text: str) -> dict[str, Vector]:
@@ -247,53 +179,34 @@ def _axis(scene: Scene, name: str, low: float, high: float, number: int) -> dict
 # ------------------------------------------------------------------------------
 
 
-@main.command()
-@click.argument("file")
-@click.option(
-    "--test", "kind", required=True, type=click.Choice(["speeds", "times", "force", "drop"]),
-    help="What FILE holds: speeds of approach and rebound; times of successive impacts; force over "
-    "deflection (with times in front where it is fast); the acceleration of one drop.",
-)  # fmt: skip
-@click.option("--mass", type=float, metavar="KG", help="Mass that meets the stop; for a drop.")
-@click.option("--unit", metavar="LIST", help="Units of the columns, as mm,N, if FILE states none.")
-@click.option(
-    "--height", type=Quantity("length"), metavar="LENGTH",
-    help="Height of the drop, 0.1 (m) or 100mm.",
-)  # fmt: skip
-@click.option(
-    "--timing-error",
-    type=TIME,
-    default=0.0,
-    metavar="TIME",
-    help="Standard deviation of a time of an impact, 1ms; a third of the interval of a video.",
-)
-@click.option("--pendulum", is_flag=True, help="Gravity does not press the mass onto the stop.")
-@click.option("--fs", type=float, metavar="HZ", help="Sampling rate of a record without times.")
-@click.option("--column", metavar="NAME", help="Column of a record with several, name or number.")
-@click.option(
-    "--at-speed", type=SPEED, metavar="M/S",
-    help="Speed whose restitution the line for a scene file states [mean of the test].",
-)  # fmt: skip
-@common("json", "out", "quiet")
+@command("json, out, quiet", reads="file")
 def identify(
     options: Common, file: str, kind: Any, at_speed: float | None, column: str | None, **asked: Any
 ) -> None:
     """Find the law of a stop from a test of it.
 
     Example: stochvi identify drop.csv --test drop --mass 2.3 --height 100mm --out out
+
+    --test speeds|times|force|drop as kind (needed)  What FILE holds: speeds of approach and
+        rebound; times of successive impacts; force over deflection (with times in front where it is
+        fast); the acceleration of one drop.
+    --mass KG (float)  Mass that meets the stop; for a drop.
+    --unit LIST  Units of the columns, as mm,N, if FILE states none.
+    --height LENGTH (length)  Height of the drop, 0.1 (m) or 100mm.
+    --timing-error TIME (time) := 0.0  Standard deviation of a time of an impact, 1ms; a third of
+        the interval of a video.
+    --pendulum  Gravity does not press the mass onto the stop.
+    --fs HZ (float)  Sampling rate of a record without times.
+    --column NAME  Column of a record with several, name or number.
+    --at-speed M/S (speed)  Speed whose restitution the line for a scene file states [mean of the
+        test].
     """
     from stochvi.identification import identify as solve
     from stochvi.identification import read_test
-    from stochvi.views.files import write_table
-    from stochvi.views.verification import plot_identification, print_identification
 
     number = int(column) if column is not None and column.isdigit() else column
     test = read_test(Path(file), kind, column=number, **asked)
-    found = solve(test, at_speed=at_speed)
-    options.show(found, print_identification, "identify")
-    if options.out is not None:
-        write_table(found.curve, options.out / "curve.csv")
-    options.draw("identify", lambda: plot_identification(found))
+    options.show(solve(test, at_speed=at_speed))
 
 
 # ------------------------------------------------------------------------------
@@ -301,37 +214,25 @@ def identify(
 # ------------------------------------------------------------------------------
 
 
-@main.command()
-@click.argument("scene")
-@common("budget", "json", "out", "quiet")
-def screen(options: Common, scene: str) -> None:
+@declare("isolators.screening:screen", "budget, json, out, quiet")
+def screen(question: Question) -> Show:
     """Find the motion without stops: rms, 3 sigma, Rice."""
-    from stochvi.isolators.screening import screen as solve
-    from stochvi.scenes.scene import load_scene
-    from stochvi.views.isolator_tables import print_screening
 
-    found = solve(load_scene(scene), budget=options.rest)
-    document = {"method": "screen", **found.to_dict()}
-    options.show(found, print_screening, "screening", document)
-    if found.impact_pairs:
-        options.draw("screening", found.plot)
-    fail_unless_gaussian(found.record)
+    def show(found: Any) -> None:
+        question.show(found, document={"method": "screen", **found.to_dict()})
+
+    return show
 
 
-@main.command()
-@click.argument("scene")
-@click.option(
-    "--gaps", default="1,1.5,2,2.5,3,3.5,4", show_default=True, metavar="LIST",
-    help="Clearances per side, in rms displacements without stops, or with units: 1mm,2mm.",
-)  # fmt: skip
-@click.option(
-    "--rel-error", type=float, default=0.02, show_default=True,
-    help="Relative standard error of each simulated rate.",
-)  # fmt: skip
-@keeping
-@common("kept budget", "seed", "threads", "json", "out", "quiet")
+@command("kept budget, seed, threads, json, out, quiet")
 def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
-    """Find impact rates against clearance."""
+    """Find impact rates against clearance.
+
+    --gaps LIST = 1,1.5,2,2.5,3,3.5,4  Clearances per side, in rms displacements without stops, or
+        with units: 1mm,2mm.
+    --rel-error (float) = 0.02  Relative standard error of each simulated rate.
+    {keeping}
+    """
     import numpy as np
 
     from stochvi.isolators.screening import (
@@ -379,9 +280,7 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
             "notes": notes,
             "record": plain(record),
         }
-        options.show(
-            curve, lambda console, each: print_clearance(console, each, notes), None, document
-        )
+        options.tell(document, lambda console: print_clearance(console, curve, notes))
         if options.out is not None:
             write_clearance(curve, predicted_curve(loaded, curve), loaded.title, options.out)
 
@@ -391,149 +290,87 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
         stop(f"upper limits alone are known of {len(unseen)} of the simulated rates", FAILED)
 
 
-@main.command()
-@click.argument("scene")
-@click.option(
-    "--probability",
-    type=CHANCE,
-    metavar="P",
-    help="Target: probability of any impact in the mission, 0.01 or 1%.",
-)
-@click.option(
-    "--rate", type=RATE, metavar="F", help="Target: rate of impacts on all stops, 2 (1/s) or 0.1/h."
-)
-@click.option(
-    "--impact-speed",
-    type=SPEED,
-    metavar="V",
-    help="Target: largest impact speed of the mission, m/s.",
-)
-@click.option(
-    "--peak-acceleration",
-    metavar="A[g]",
-    help="Target: largest absolute acceleration during an impact in the mission, m/s^2 or g (80g).",
-)
-@click.option(
-    "--exceedance",
-    type=CHANCE,
-    default=0.01,
-    show_default=True,
-    metavar="P",
-    help="Accepted probability that a speed or acceleration is exceeded.",
-)
-@click.option(
-    "--mission",
-    type=TIME,
-    metavar="TIME",
-    help="Time of exposure: 3600 (s), 30min, 10h [1h, of a phase its duration; left out where the "
-    "scene has phases].",
-)
-@click.option(
-    "--at", metavar="NAME",
-    help="Coordinate or named point of that acceleration; default: all of them.",
+@declare(
+    "isolators.sizing.size:size", "kept budget, seed, threads, json, out, force, quiet",
+    progress="sizing",
 )  # fmt: skip
-@click.option(
-    "--pair",
-    metavar="NAME",
-    help="Pair that is sized where there are several; the others stay as they are.",
-)
-@click.option(
-    "--common", metavar="LIST",
-    help="Pairs that are made with one clearance in common: corner1,corner2.",
-)  # fmt: skip
-@click.option(
-    "--rel-error", type=float,
-    help="Relative standard error of the risk [0.05], of a map or of the damage [0.1].",
-)  # fmt: skip
-@click.option(
-    "--map", "wanted", metavar="clearance,stiffness",
-    help="Instead: peak acceleration, force, travel and energy over both, or over "
-    "clearance=2mm:9mm:20,stiffness=1e4:1e6:20; --peak-acceleration is then a limit of it.",
-)  # fmt: skip
-@click.option(
-    "--pad-force", type=Quantity("force"), metavar="F",
-    help="With --map: largest force on a stop, N.",
-)  # fmt: skip
-@click.option(
-    "--rattle-space", type=Quantity("length"), metavar="D",
-    help="With --map: limit of the travel from the static equilibrium, m or 8mm.",
-)  # fmt: skip
-@click.option(
-    "--damage-ratio", type=float, metavar="R",
-    help="Instead: damage of equipment with stops over that without, at most R at all frequencies.",
-)  # fmt: skip
-@equipped("with --damage-ratio: ")
-@click.option(
-    "--sensitivity",
-    is_flag=True,
-    help="Repeat the sizing for a changed mount, level and law of the stops.",
-)
-@click.option(
-    "--tolerances", metavar="LIST",
-    help="Tolerances within which the clearance keeps its target: usual (frequency=10%, "
-    "damping=30%, level=3dB, stiffness=20%), or some, as frequency=5%,level=1dB; a rigid body "
-    "also takes centre=5mm. Or distributions between units, as frequency=normal:3% (std), "
-    "clearance=uniform:0.1mm [those that the scene states, as structure.frequency_tolerance].",
-)  # fmt: skip
-@keeping
-@common("kept budget", "seed", "threads", "json", "out", "force", "quiet")
-def size(
-    options: Common, scene: str, peak_acceleration: str | None, sensitivity: bool,
-    tolerances: str | None, common: str | None, **asked: Any,
-) -> None:  # fmt: skip
-    """Find the clearance that keeps a stated risk."""
+def size(question: Question) -> Show:
+    """Find the clearance that keeps a stated risk.
+
+    --probability P (chance)  Target: probability of any impact in the mission, 0.01 or 1%.
+    --rate F (rate)  Target: rate of impacts on all stops, 2 (1/s) or 0.1/h.
+    --impact-speed V (speed)  Target: largest impact speed of the mission, m/s.
+    --peak-acceleration A[g]  Target: largest absolute acceleration during an impact in the mission,
+        m/s^2 or g (80g).
+    --exceedance P (chance) = 0.01  Accepted probability that a speed or acceleration is exceeded.
+    --mission TIME (time)  Time of exposure: 3600 (s), 30min, 10h [1h, of a phase its duration; left
+        out where the scene has phases].
+    --at NAME  Coordinate or named point of that acceleration; default: all of them.
+    --pair NAME  Pair that is sized where there are several; the others stay as they are.
+    --common LIST  Pairs that are made with one clearance in common: corner1,corner2.
+    --rel-error (float)  Relative standard error of the risk [0.05], of a map or of the damage
+        [0.1].
+    --map clearance,stiffness as wanted  Instead: peak acceleration, force, travel and energy over
+        both, or over clearance=2mm:9mm:20,stiffness=1e4:1e6:20; --peak-acceleration is then a limit
+        of it.
+    --pad-force F (force)  With --map: largest force on a stop, N.
+    --rattle-space D (length)  With --map: limit of the travel from the static equilibrium, m or
+        8mm.
+    --damage-ratio R (float)  Instead: damage of equipment with stops over that without, at most R
+        at all frequencies.
+    --equipment LOW:HIGH[:NUMBER] = 20:2000  With --damage-ratio: natural frequencies of the
+        equipment, Hz; without a number six in each octave.
+    --q (float) = 10.0  with --damage-ratio: Q of the equipment.
+    --exponent (float) = 6.0  With --damage-ratio: exponent of its fatigue.
+    --sensitivity  Repeat the sizing for a changed mount, level and law of the stops.
+    --tolerances LIST  Tolerances within which the clearance keeps its target: usual (frequency=10%,
+        damping=30%, level=3dB, stiffness=20%), or some, as frequency=5%,level=1dB; a rigid body
+        also takes centre=5mm. Or distributions between units, as frequency=normal:3% (std),
+        clearance=uniform:0.1mm [those that the scene states, as structure.frequency_tolerance].
+    {keeping}
+    """
     from stochvi.isolators.sizing.sensitivity import sensitivity as vary
-    from stochvi.isolators.sizing.size import size as solve
     from stochvi.results.base import plain
     from stochvi.results.deadline import partial_result
-    from stochvi.scenes.scene import load_scene, phase_duration
-    from stochvi.views.isolator_tables import print_sizing
+    from stochvi.scenes.scene import phase_duration
 
-    loaded = load_scene(scene)
-    asked["mission"] = asked["mission"] or phase_duration(scene)
-    other = {name: asked.pop(name) for name in OTHER}
-    asked = {name: each for name, each in asked.items() if name != "rel_error" or each is not None}
-    alone = {"peak_acceleration": acceleration(peak_acceleration), "sensitivity": sensitivity,
-             "tolerances": tolerances, "common": common}  # fmt: skip
-    if other_sizing(options, scene, loaded, asked | alone, other):
-        return
+    asked, options, scene = question.asked, question.options, question.scene
+    asked["mission"] = asked["mission"] or phase_duration(question.file)
+    asked["peak_acceleration"] = acceleration(asked["peak_acceleration"])
+    if asked["rel_error"] is None:
+        del asked["rel_error"]
+    if shows := other_sizing(question, {name: asked.pop(name) for name in OTHER}):
+        return shows
     # wrong tolerances are refused before the work
-    allowed, spreads = tolerances_of(loaded, tolerances)
+    allowed, spreads = tolerances_of(scene, asked["tolerances"])
     deadline = options.until(options.budget, REPORT_SECONDS)
-    fell_short: list[str] = []
-    judged: list[RecordVerdict | None] = []
+    sensitivity, common = asked.pop("sensitivity"), names_in(asked["common"])
+    # changed cases and the report take the time that the sizing leaves
+    share = FIRST if sensitivity else BEFORE_REPORT if options.out is not None else 1.0
+    asked |= {"tolerances": allowed, "spreads": spreads, "common": common}
+    asked["budget"] = deadline.part(share)
 
-    def found() -> Sizing:
-        # changed cases and the report take the time that the sizing leaves
-        share = FIRST if sensitivity else BEFORE_REPORT if options.out is not None else 1.0
-        sampling = options.sampling | {"budget": deadline.part(share)}
-        with options.progress("sizing") as report:
-            answer = solve(
-                loaded, peak_acceleration=acceleration(peak_acceleration), tolerances=allowed,
-                spreads=spreads, common=names_in(common),
-                progress=report, **sampling, **asked,
+    def changed(answer: Sizing) -> pd.DataFrame:
+        with options.progress("sensitivity") as report:
+            return partial_result(
+                vary, answer, seed=options.seed, threads=options.threads,
+                budget=deadline.part(1.0 if options.out is None else FIRST), progress=report,
             )  # fmt: skip
-        return cast("Sizing", answer)  # phases were shown before
 
     def show(answer: Sizing) -> None:
-        fell_short.extend(answer.fell_short)
-        document, table = answer.to_dict(), None
+        fell_short, document, table = [*answer.fell_short], answer.to_dict(), None
         if sensitivity:
-            with options.progress("sensitivity") as report:
-                table = partial_result(
-                    vary, answer, seed=options.seed, threads=options.threads,
-                    budget=deadline.part(1.0 if options.out is None else FIRST), progress=report,
-                )  # fmt: skip
+            table = changed(answer)
             document |= {"sensitivity": plain(table)}
             fell_short.extend(
                 f"--sensitivity, {change}: {note}"
                 for change, note in zip(table["change"], table["note"], strict=True)
                 if note
             )
-        options.show(
-            answer, lambda console, each: print_sizing(console, each, table), None, document
-        )
-        judged.append(answer.record)
+        if fell_short:
+            more = f" (and {len(fell_short) - 1} more)" if len(fell_short) > 1 else ""
+            question.unmet.append(f"not as accurate as asked for: {fell_short[0]}{more}")
+        question.show(answer, document=document, sensitivity=table)
         if options.out is None:
             return
         if answer.production is not None:
@@ -545,15 +382,10 @@ def size(
         if not answer.several:
             settings = ReviewSettings(budget=deadline.rest or BUDGET)
             reviewed = review(answer, table, settings, threads=options.threads)
-        origin = options.origin(scene, answer.provenance)
+        origin = options.origin(question.file, answer.provenance)
         write_report(answer, options.out, origin, review=reviewed, sensitivity=table)
 
-    shown(found, show, asked)
-    for record in judged:
-        fail_unless_gaussian(record)
-    if fell_short:
-        more = f" (and {len(fell_short) - 1} more)" if len(fell_short) > 1 else ""
-        stop(f"not as accurate as asked for: {fell_short[0]}{more}", FAILED)
+    return show
 
 
 REPORT_SECONDS = 3.0
@@ -564,34 +396,16 @@ FIRST, BEFORE_REPORT = 0.5, 0.7
 """Shares of the budget for the sizing itself if --sensitivity or only a report follows."""
 
 
-@main.command()
-@click.argument("scene")
-@click.option(
-    "--speeds", required=True, metavar="LIST",
-    help="Changes of the relative velocity by the jolts, as 0.1,0.2 (m/s) or 10mm/s.",
-)  # fmt: skip
-@click.option(
-    "--paths", type=int, default=64, show_default=True, help="Number of paths for each jolt."
-)
-@click.option(
-    "--duration", type=TIME, help="Time for which paths are watched after a jolt [1000 periods]."
-)
-@common("seed", "budget", "json", "out", "quiet")
-def jolt(options: Common, scene: str, speeds: str, **asked: Any) -> None:
-    """Find whether a jolt leads to clatter under a sine."""
-    from stochvi.isolators.jolt_response import jolts
-    from stochvi.scenes.scene import load_scene
-    from stochvi.views.isolator_tables import print_jolts
+@declare("isolators.jolt_response:jolts", "seed, budget, json, out, quiet", progress="jolt")
+def jolt(question: Question) -> None:
+    """Find whether a jolt leads to clatter under a sine.
 
-    loaded, wanted = load_scene(scene), numbers("--speeds", speeds, "m/s")
-
-    def solve() -> Jolts:
-        with options.progress("jolt") as report:
-            return jolts(
-                loaded, wanted, seed=options.seed, budget=options.rest, progress=report, **asked
-            )
-
-    shown(solve, lambda found: options.show(found, print_jolts, "jolts"))
+    --speeds LIST (needed)  Changes of the relative velocity by the jolts, as 0.1,0.2 (m/s) or
+        10mm/s.
+    --paths (int) = 64  Number of paths for each jolt.
+    --duration (time)  Time for which paths are watched after a jolt [1000 periods].
+    """
+    question.asked["speeds"] = numbers("--speeds", question.asked["speeds"], "m/s")
 
 
 # ------------------------------------------------------------------------------
@@ -599,54 +413,32 @@ def jolt(options: Common, scene: str, speeds: str, **asked: Any) -> None:
 # ------------------------------------------------------------------------------
 
 
-@main.command()
-@click.argument("scene")
-@click.option(
-    "--clearances", metavar="LIST",
-    help="Clearances: distances of the stops from the static equilibrium, 2mm,3mm (or in m) "
-    "[the stops of the scene].",
-)  # fmt: skip
-@common("seed", "budget", "threads", "json", "out", "force", "quiet")
-def replay(options: Common, scene: str, clearances: str | None) -> None:
+@declare("methods.replay:replay", "seed, budget, threads, json, out, force, quiet")
+def replay(question: Question) -> Show:
     """Pass a measured record through the mount and its stops.
 
     Example: stochvi replay box.toml --clearances 4mm,5mm,6mm --out out
+
+    --clearances LIST  Clearances: distances of the stops from the static equilibrium, 2mm,3mm (or
+        in m) [the stops of the scene].
     """
-    from stochvi.isolators.record_verdict import record_verdict
-    from stochvi.isolators.screening import scene_at_rest
-    from stochvi.methods.replay import replay as solve
-    from stochvi.scenes.scene import load_scene
-    from stochvi.views.files import write_table
-    from stochvi.views.verification import print_replay
+    if question.asked["clearances"] is not None:
+        question.asked["clearances"] = lengths("--clearances", question.asked["clearances"])
 
-    loaded = load_scene(scene)
-    places = None if clearances is None else lengths("--clearances", clearances)
-    found = solve(loaded, places, seed=options.seed, threads=options.threads, budget=options.rest)
-    record = record_verdict(loaded)
+    def show(found: Replay) -> None:
+        from stochvi.isolators.record_verdict import record_verdict
 
-    def picture() -> Axes:
-        from stochvi.views.verification import draw_replay
+        record = record_verdict(question.scene)
+        question.show(found, record=record)
+        if (out := question.options.out) is not None:
+            from stochvi.isolators.screening import scene_at_rest
+            from stochvi.views.report import write_replay_report
 
-        return draw_replay(found, loaded.title)
+            origin = question.options.origin(question.file, found.provenance)
+            hung = scene_at_rest(question.scene)
+            write_replay_report(found, question.scene, hung, record, out, origin)
 
-    options.show(found, lambda console, answer: print_replay(console, answer, record), "replay")
-    if options.out is not None:
-        write_table(found.impacts, options.out / "impacts.csv")
-        if found.histories is not None:
-            write_table(found.histories.to_frame(), options.out / "histories.csv")
-    if found.only is None or found.histories is not None:
-        options.draw("replay", picture)
-    if options.out is not None:
-        from stochvi.views.report import write_replay_report
-
-        write_replay_report(
-            found,
-            loaded,
-            scene_at_rest(loaded),
-            record,
-            options.out,
-            options.origin(scene, found.provenance),
-        )
+    return show
 
 
 # ------------------------------------------------------------------------------
@@ -654,122 +446,63 @@ def replay(options: Common, scene: str, clearances: str | None) -> None:
 # ------------------------------------------------------------------------------
 
 
-@main.command()
-@click.argument("scene")
-@click.option(
-    "--levels", default="-6,-3,0,3,6", show_default=True, metavar="LIST",
-    help="Levels of the excitation, dB relative to that of the scene.",
+@declare(
+    "absorbers.performance:absorber", "budget, seed, threads, json, out, force, quiet",
+    progress="absorber",
 )  # fmt: skip
-@click.option(
-    "--mass-budget",
-    type=float,
-    metavar="KG",
-    help="Mass for which the best box is designed, instead of judging that of the scene.",
-)
-@click.option(
-    "--restitutions", default="0.3,0.5,0.7", show_default=True, metavar="LIST",
-    help="Restitutions of the stops that a design may choose from.",
-)  # fmt: skip
-@click.option(
-    "--masses", default="1", show_default=True, metavar="LIST",
-    help="Numbers of equal masses that a design may choose from.",
-)  # fmt: skip
-@click.option(
-    "--sine", is_flag=True, help="Find the exact regimes under the sine of the scene instead."
-)
-@varied(
-    200,
-    "values of a key to tune, as absorber.play=1mm:9mm:50 [play or gap, and mass].",
-    "With --sine: ",
-)
-@click.option(
-    "--rel-error", type=float, default=0.01, show_default=True,
-    help="Relative standard error of mean squares and rates.",
-)  # fmt: skip
-@common("budget", "seed", "threads", "json", "out", "force", "quiet")
-def absorber(
-    options: Common, scene: str, *, levels: str, mass_budget: float | None, restitutions: str,
-    masses: str, sine: bool, varied: Varied, rel_error: float,
-) -> None:  # fmt: skip
+def absorber(question: Question) -> Show:
     """Judge an impact absorber, or find the best one.
 
     The scene needs an [absorber] with mass (kg), play (m, total, stop to stop) and law, and an
-    oscillator or isolator of known mass: stochvi new tower.toml --kind absorber writes one. With
-    --mass-budget the box of the scene, if there is one, is left out, and the best one is found.
-    With --sine the amplitude with the absorber is shown over frequency, or over play and mass at
-    the frequency of the scene.
+    oscillator or isolator of known mass: stochvi new tower.toml --kind absorber writes one.
+    With --mass-budget the box of the scene, if there is one, is left out, and the best one is
+    found. With --sine the amplitude with the absorber is shown over frequency, or over play and
+    mass at the frequency of the scene.
+
+    --levels LIST = -6,-3,0,3,6  Levels of the excitation, dB relative to that of the scene.
+    --mass-budget KG (float)  Mass for which the best box is designed, instead of judging that of
+        the scene.
+    --restitutions LIST = 0.3,0.5,0.7  Restitutions of the stops that a design may choose from.
+    --masses LIST = 1  Numbers of equal masses that a design may choose from.
+    --sine  Find the exact regimes under the sine of the scene instead.
+    --from F as start (frequency)  With --sine: lowest frequency, Hz.
+    --to F as end (frequency)  With --sine: highest frequency, Hz.
+    --points (int) = 200  Number of frequencies, both ends included.
+    --vary KEY=FIRST:LAST:NUMBER  With --sine: values of a key to tune, as absorber.play=1mm:9mm:50
+        [play or gap, and mass].
+    --rel-error (float) = 0.01  Relative standard error of mean squares and rates.
     """
-    from stochvi.absorbers import absorber_sine
-    from stochvi.absorbers.design import design_absorber
-    from stochvi.absorbers.performance import absorber as perform
-    from stochvi.scenes.scene import load_scene
-
-    loaded = load_scene(scene)
-    asked = {"rel_error": rel_error} | options.sampling
-
-    def performance() -> AbsorberReport:
-        with options.progress("absorber") as report:
-            return perform(
-                loaded, levels_db=numbers("--levels", levels, "dB"), progress=report, **asked
-            )
-
-    def design() -> Design:
-        assert mass_budget is not None
-        with options.progress("absorber") as report:
-            return design_absorber(
-                loaded, mass_budget=mass_budget, progress=report,
-                restitutions=numbers("--restitutions", restitutions),
-                units=[round(n) for n in numbers("--masses", masses)], **asked,
-            )  # fmt: skip
-
-    if sine:
-        if mass_budget is not None:
-            raise ValueError("--sine and --mass-budget exclude each other, got both; leave out one")
-        shown(
-            lambda: absorber_sine(
-                loaded, varied.frequencies(), tune=varied.values(loaded), budget=options.rest
-            ),
-            lambda found: _show_sine(options, scene, found),
-        )
-    elif varied.given:
+    asked, scene = question.asked, question.scene
+    varied, mass = Varied.of(asked), asked["mass_budget"]
+    if asked["sine"] and mass is not None:
+        raise ValueError("--sine and --mass-budget exclude each other, got both; leave out one")
+    if varied.given and not asked["sine"]:
         raise ValueError(
             "--from, --to and --vary need --sine, got none; add --sine, or leave them out"
         )
-    elif mass_budget is None:
-        shown(performance, lambda found: _show_performance(options, scene, found))
+    kept = {"rel_error": asked["rel_error"]}
+    if asked["sine"]:
+        over = {"frequency_hz": varied.frequencies(), "tune": varied.values(scene)}
+        question.asks("absorbers:absorber_sine", "", over)
+        question.shares = "budget"
+    elif mass is None:
+        levels = numbers("--levels", asked["levels"], "dB")
+        question.asks(question.of, "absorber", kept | {"levels_db": levels})
     else:
-        shown(design, lambda found: _show_design(options, scene, found))
+        restitutions = numbers("--restitutions", asked["restitutions"])
+        units = [round(n) for n in numbers("--masses", asked["masses"])]
+        kept |= {"mass_budget": mass, "restitutions": restitutions, "units": units}
+        question.asks("absorbers.design:design_absorber", "absorber", kept)
 
+    def show(found: Any) -> None:
+        from stochvi.views.absorbers import draw_plays
+        from stochvi.views.report import write_absorber_report
 
-def _show_performance(options: Common, scene: str, found: AbsorberReport) -> None:
-    from stochvi.views.absorbers import draw_levels, draw_plays, print_absorber
-    from stochvi.views.report.absorber import write_absorber_report
+        question.show(found)
+        if getattr(found, "play_curve", None):  # of a box that is judged
+            question.options.draw("absorber-play", lambda: draw_plays(found))
+        if (out := question.options.out) is not None:
+            origin = question.options.origin(question.file, found.provenance)
+            write_absorber_report(found, out, origin)
 
-    options.show(found, print_absorber, "absorber")
-    options.draw("absorber", lambda: draw_levels(found))
-    if found.play_curve:
-        options.draw("absorber-play", lambda: draw_plays(found))
-    if options.out is not None:
-        write_absorber_report(found, options.out, options.origin(scene, found.provenance))
-
-
-def _show_sine(options: Common, scene: str, found: AbsorberSine) -> None:
-    from stochvi.views.absorbers import draw_absorber_sine, print_absorber_sine
-    from stochvi.views.report.absorber import write_absorber_report
-
-    options.show(found, print_absorber_sine, "absorber-sine")
-    options.draw("absorber-sine", lambda: draw_absorber_sine(found))
-    if options.out is not None:
-        write_absorber_report(found, options.out, options.origin(scene, found.provenance))
-
-
-def _show_design(options: Common, scene: str, found: Design) -> None:
-    from stochvi.views.absorbers import draw_design, print_design
-    from stochvi.views.files import write_table
-    from stochvi.views.report.absorber import write_absorber_report
-
-    options.show(found, print_design)
-    options.draw("absorber-design", lambda: draw_design(found))
-    if options.out is not None:
-        write_table(found.curve, options.out / "absorber-design.csv")
-        write_absorber_report(found, options.out, options.origin(scene, found.provenance))
+    return show

@@ -1,56 +1,72 @@
-"""Commands of the methods: each turns a scene into a response."""
+"""Commands of the methods and of the statistics. Chapters: a scene into a response; spectra,
+impacts one by one, damage and reliability of missions.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from stochvi.cli.declared import Question, Show, declare
 from stochvi.cli.options import (
     BUDGET,
-    SPEED,
-    TIME,
-    Common,
+    WITHOUT_BUDGET,
+    acceleration,
+    band,
     barriers,
-    common,
-    how_to_go_on,
-    judged_record,
-    keeping,
     numbers,
-    shown,
+    tolerances_of,
 )
-from stochvi.cli.program import FAILED, executor_at, main, stop
+from stochvi.cli.program import executor_at
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from stochvi.methods.fokker_planck import FirstPassage
+    from stochvi.isolators.production_risk import Production
     from stochvi.results.base import Response
-    from stochvi.scenes.scene import Scene
+    from stochvi.statistics.reliability import Reliability
+
+ANSWERED = "budget, json, out, quiet"
+"""Common options of a calculation that samples nothing."""
+
+SAMPLED = "open budget, seed, threads, json, out, quiet"
+"""Common options of a simulation that a number of paths may bound."""
 
 MISSION_PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 """Fractions of a mission at which `first-passage` gives the probability: enough for a curve."""
 
 
-def show_response(options: Common, found: Response, scene: Scene) -> None:
-    """Print a response, write the files that the options ask for, and judge a record."""
-    from stochvi.views.files import to_json, write_text
-    from stochvi.views.tables import print_response
-
-    record = judged_record(scene)
-    options.show(found, print_response, "response", record=record)
-    if options.out is not None:
-        write_text(to_json(found.to_dict()) + "\n", options.out / "response.json")
-        write_map(options, found, scene)
+# ------------------------------------------------------------------------------
+# The methods: each turns a scene into a response.
+# ------------------------------------------------------------------------------
 
 
-def write_map(options: Common, found: Response, scene: Scene) -> None:
+def response(question: Question, name: str = "", draw: Callable[[], Axes] | None = None) -> Show:
+    """What shows a response with its files, and draws a picture of this name if it is whole."""
+
+    def show(found: Response) -> None:
+        from stochvi.views.files import to_json, write_text
+
+        question.show(found)
+        if (out := question.options.out) is not None:
+            write_text(to_json(found.to_dict()) + "\n", out / "response.json")
+            _write_map(question, found)
+        if draw is not None and question.whole:
+            question.options.draw(name, draw)
+
+    return show
+
+
+def _write_map(question: Question, found: Response) -> None:
     """Write the rms along a bar or beam, or over a plate, as `map.csv` and `map.png`."""
     from stochvi.methods.linearisation.one_form import rms_along
     from stochvi.results.errors import NotApplicable, NotConverged
     from stochvi.views.files import write_table
     from stochvi.views.schematic import draw_map, has_places
 
+    scene, options = question.scene, question.options
     if options.out is None or not has_places(scene):
         return
     try:
@@ -61,203 +77,337 @@ def write_map(options: Common, found: Response, scene: Scene) -> None:
     options.draw("map", lambda: draw_map(table, found, scene))
 
 
-@main.command()
-@click.argument("scene")
-@common("budget", "json", "out", "quiet")
-def exact(options: Common, scene: str) -> None:
+def _density(question: Question, of: Callable[..., Any]) -> Axes:
+    """The picture of the density that a method finds for the same scene and options."""
+    from stochvi.views.density import draw_density
+
+    scene, rest = question.scene, question.options.rest
+    return draw_density(scene, of(scene, **question.asked, budget=rest))
+
+
+@declare("methods.closed_form:exact", ANSWERED, judged=True)
+def exact(question: Question) -> Show:
     """Solve a scene in closed form, where one is known."""
-    from stochvi.methods.closed_form import exact as solve
     from stochvi.methods.closed_form import exact_density
     from stochvi.model.coverage import beyond_one_oscillator
     from stochvi.model.model import model_of
-    from stochvi.scenes.scene import load_scene
 
-    def density() -> Axes:
-        from stochvi.views.density import draw_density
+    def show(found: Response) -> None:
+        model = model_of(question.scene)
+        one = not beyond_one_oscillator(model) and not model.tables
+        draw = (lambda: _density(question, exact_density)) if one else None
+        response(question, "density", draw)(found)
 
-        return draw_density(loaded, exact_density(loaded, budget=options.rest))
-
-    loaded = load_scene(scene)
-    show_response(options, solve(loaded, budget=options.rest), loaded)
-    model = model_of(loaded)
-    if not beyond_one_oscillator(model) and not model.tables:
-        options.draw("density", density)
+    return show
 
 
-@main.command("fokker-planck")
-@click.argument("scene")
-@click.option(
-    "--rtol", type=float, default=0.01, show_default=True,
-    help="Relative error of deviations, F1 and F2; 1e-6 takes a second or so.",
-)  # fmt: skip
-@click.option("--speed-threshold", type=SPEED, help="Slowest impact that a rate counts, m/s.")
-@common("budget", "json", "out", "quiet")
-def fokker_planck(options: Common, scene: str, **asked: Any) -> None:
-    """Solve the Fokker-Planck equation: one mass, white noise."""
-    from stochvi.methods.fokker_planck import fokker_planck as solve
+@declare("methods.fokker_planck:fokker_planck", ANSWERED, judged=True, name="fokker-planck")
+def fokker_planck(question: Question) -> Show:
+    """Solve the Fokker-Planck equation: one mass, white noise.
+
+    --rtol (float) = 0.01  Relative error of deviations, F1 and F2; 1e-6 takes a second or so.
+    --speed-threshold (speed)  Slowest impact that a rate counts, m/s.
+    """
     from stochvi.methods.fokker_planck import fokker_planck_density
-    from stochvi.scenes.scene import load_scene
 
-    def density() -> Axes:
-        from stochvi.views.density import draw_density
-
-        return draw_density(loaded, fokker_planck_density(loaded, **asked, budget=options.rest))
-
-    loaded = load_scene(scene)
-    shown(
-        lambda: solve(loaded, **asked, budget=options.rest),
-        lambda found: show_response(options, found, loaded),
-    )
-    options.draw("density", density)
+    return response(question, "density", lambda: _density(question, fokker_planck_density))
 
 
-@main.command("first-passage")
-@click.argument("scene")
-@click.option(
-    "--barrier", metavar="B|LO,HI",
-    help="Barrier, m from the unloaded spring; leave LO or HI empty for none. Default: the stops.",
-)  # fmt: skip
-@click.option("--times", metavar="LIST", help="Times that are listed, as 10,20 (s) or 1min.")
-@click.option(
-    "--mission", type=TIME, metavar="TIME", help="Duration, and parts of it, instead of times."
-)
-@click.option(
-    "--start", type=click.Choice(["rest", "stationary"]), default="rest", show_default=True,
-    help="Start at rest, or in the stationary motion without barriers.",
-)  # fmt: skip
-@click.option("--rtol", type=float, default=1e-4, show_default=True, help="Relative error.")
-@common("budget", "json", "out", "quiet")
-def first_passage(
-    options: Common, scene: str, barrier: str | None, times: str | None, mission: float | None,
-    **asked: Any,
-) -> None:  # fmt: skip
-    """Find P(first impact or passage before t), and its rate."""
-    from stochvi.methods.fokker_planck import first_passage as solve
-    from stochvi.scenes.scene import load_scene
-    from stochvi.views.tables import print_first_passage
+@declare("methods.fokker_planck:first_passage", ANSWERED, name="first-passage")
+def first_passage(question: Question) -> Show:
+    """Find P(first impact or passage before t), and its rate.
 
+    --barrier B|LO,HI  Barrier, m from the unloaded spring; leave LO or HI empty for none. Default:
+        the stops.
+    --times LIST  Times that are listed, as 10,20 (s) or 1min.
+    --mission TIME (time)  Duration, and parts of it, instead of times.
+    --start rest|stationary = rest  Start at rest, or in the stationary motion without barriers.
+    --rtol (float) = 0.0001  Relative error.
+    """
+    asked = question.asked
+    mission, times = asked.pop("mission"), asked["times"]
     if (times is None) == (mission is None):
         raise ValueError("needs exactly one of --times and --mission; give one")
-    if mission is None:
-        moments = numbers("--times", times or "", "s")
-    else:
-        moments = [part * mission for part in MISSION_PARTS]
-    lower, upper = barriers(barrier)
-    loaded = load_scene(scene)
+    parts = [part * mission for part in MISSION_PARTS] if times is None else []
+    asked["times"] = parts or numbers("--times", times, "s")
+    asked["lower"], asked["upper"] = barriers(asked.pop("barrier"))
 
-    def show(found: FirstPassage) -> None:
+    def show(found: Any) -> None:
         def picture() -> Axes:
-            from stochvi.views.density import plot_first_passage
+            ax = found.plot()
+            ax.set_title(question.scene.title)
+            return ax  # type: ignore[no-any-return]
 
-            ax = plot_first_passage(found)
-            ax.set_title(loaded.title)
-            return ax
+        question.show(found)
+        question.options.draw("first_passage", picture)
 
-        options.show(found, print_first_passage, "first_passage")
-        options.draw("first_passage", picture)
-
-    shown(lambda: solve(loaded, lower, upper, times=moments, **asked, budget=options.rest), show)
+    return show
 
 
-@main.command()
-@click.argument("scene")
-@click.option(
-    "--form", type=click.Choice(["closure", "motion", "force", "clumps"]), default="closure",
-    show_default=True, help="Which functions are linearised, and under which law.",
-)  # fmt: skip
-@click.option(
-    "--variant", type=click.Choice(["consistent", "book", "box"]), default="consistent",
-    show_default=True,
-    help="Coefficients: consistent with the balances, as printed in the book, or for a box.",
-)  # fmt: skip
-@common("budget", "json", "out", "quiet")
-def linearise(options: Common, scene: str, **asked: Any) -> None:
-    """Linearise statistically: approximate, in milliseconds."""
-    from stochvi.methods.linearisation import linearise as solve
-    from stochvi.scenes.scene import load_scene
+@declare("methods.linearisation:linearise", ANSWERED, judged=True)
+def linearise(question: Question) -> Show:
+    """Linearise statistically: approximate, in milliseconds.
 
-    loaded = load_scene(scene)
-    show_response(options, solve(loaded, **asked, budget=options.rest), loaded)
+    --form closure|motion|force|clumps = closure  Which functions are linearised, and under which
+        law.
+    --variant consistent|book|box = consistent  Coefficients: consistent with the balances, as
+        printed in the book, or for a box.
+    """
+    return response(question)
 
 
-@main.command()
-@click.argument("scene")
-@click.option(
-    "--variant", type=click.Choice(["finite-jumps", "continuous", "unfolded"]),
-    default="finite-jumps", show_default=True,
-    help="Impacts as jumps of the energy (in Python 'finite jumps'), as a loss spread over a "
-    "cycle, or as a damper.",
-)  # fmt: skip
-@common("budget", "json", "out", "quiet")
-def average(options: Common, scene: str, variant: str) -> None:
-    """Average the energy: approximate, for light damping."""
-    from stochvi.methods.averaging import average as solve
+@declare("methods.averaging:average", ANSWERED, judged=True)
+def average(question: Question) -> Show:
+    """Average the energy: approximate, for light damping.
+
+    --variant finite-jumps|continuous|unfolded = finite-jumps  Impacts as jumps of the energy (in
+        Python 'finite jumps'), as a loss spread over a cycle, or as a damper.
+    """
     from stochvi.methods.averaging import average_density
-    from stochvi.scenes.scene import load_scene
 
-    def density() -> Axes:
-        from stochvi.views.density import draw_density
-
-        return draw_density(loaded, average_density(loaded, variant=variant, budget=options.rest))
-
-    variant = variant.replace("-", " ")
-    loaded = load_scene(scene)
-    show_response(options, solve(loaded, variant=variant, budget=options.rest), loaded)
-    options.draw("density", density)
+    question.asked["variant"] = question.asked["variant"].replace("-", " ")
+    return response(question, "density", lambda: _density(question, average_density))
 
 
-@main.command()
-@click.argument("scene")
-@click.option("--rel-error", type=float, help="Relative standard error to reach [0.01].")
-@click.option("--paths", type=int, help="Number of paths, instead of a relative error.")
-@click.option("--duration", type=TIME, help="Length of each path after its burn-in, with --paths.")
-@click.option("--speed-threshold", type=SPEED, help="Slowest impact that a rate counts, m/s.")
-@click.option(
-    "--slow-impacts", is_flag=True, help="Refine steps near stops, for rates at R of 0.5 and below."
+@declare(
+    "methods.monte_carlo:simulate", "threads, json, out, quiet", progress="simulating", judged=True
 )
-@keeping
-@click.option("--dask", metavar="ADDRESS", help="Simulate on a Dask cluster, as tcp://host:8786.")
-@click.option(
-    "--budget", type=TIME, metavar="TIME",
-    help="Largest time; the exit code is 1 if the answer is not accurate enough by then "
-    f"[{BUDGET:g}; no limit with --paths, --checkpoint and --resume].",
-)  # fmt: skip
-@click.option("--seed", type=int, help="Seed: the same gives the same digits [0].")
-@common("threads", "json", "out", "quiet")
-def simulate(
-    options: Common, scene: str, dask: str | None, budget: float | None, checkpoint: str | None,
-    resume: str | None, **asked: Any,
-) -> None:  # fmt: skip
-    """Simulate by Monte Carlo, with errors and bias."""
-    from stochvi.methods.monte_carlo import simulate as solve
+def simulate(question: Question) -> Show:
+    """Simulate by Monte Carlo, with errors and bias.
+
+    --rel-error (float)  Relative standard error to reach [0.01].
+    --paths (int)  Number of paths, instead of a relative error.
+    --duration (time)  Length of each path after its burn-in, with --paths.
+    --speed-threshold (speed)  Slowest impact that a rate counts, m/s.
+    --slow-impacts  Refine steps near stops, for rates at R of 0.5 and below.
+    {keeping}
+    --dask ADDRESS  Simulate on a Dask cluster, as tcp://host:8786.
+    --budget TIME (time)  Largest time; the exit code is 1 if the answer is not accurate enough by
+        then [{BUDGET:g}; no limit with --paths, --checkpoint and --resume].
+    --seed (int)  Seed: the same gives the same digits [0].
+    """
     from stochvi.model.coverage import beyond_one_oscillator
     from stochvi.model.model import model_of
-    from stochvi.results.errors import NotConverged
-    from stochvi.scenes.scene import load_scene
 
-    loaded = load_scene(scene)
-    if budget is None and not (asked["paths"] or checkpoint or resume):
-        budget = BUDGET
-    try:
-        with executor_at(dask) as executor, options.progress("simulating") as report:
-            response = solve(
-                loaded, budget=options.until(budget).rest, threads=options.threads,
-                executor=executor, progress=report, checkpoint=checkpoint, resume=resume, **asked,
-            )  # fmt: skip
-    except (NotConverged, KeyboardInterrupt) as reason:
-        so_far = getattr(reason, "partial", None)  # Ctrl-C may come before there is a run
-        if so_far is not None:
-            show_response(options, so_far, loaded)
-        remedy = how_to_go_on({"checkpoint": checkpoint, "resume": resume})
-        stop((str(reason) or "interrupted by Ctrl-C") + remedy, FAILED)
+    asked, scene = question.asked, question.scene
+    if asked["budget"] is None and not any(asked[name] for name in WITHOUT_BUDGET):
+        asked["budget"] = BUDGET
+    asked["budget"] = question.options.until(asked["budget"]).rest
+    executor = executor_at(asked.pop("dask"))
+    asked["executor"] = click.get_current_context().with_resource(executor)
 
     def picture() -> Axes:
         from stochvi.statistics.densities import overview
         from stochvi.views.density import draw_overview
 
-        return draw_overview(overview(loaded), loaded.title)
+        return draw_overview(overview(scene), scene.title)
 
-    show_response(options, response, loaded)
-    model = model_of(loaded)
-    if not beyond_one_oscillator(model) and model.omega > 0.0:
-        options.draw("overview", picture)
+    def show(found: Response) -> None:
+        model = model_of(scene)
+        one = not beyond_one_oscillator(model) and model.omega > 0.0
+        response(question, "overview", picture if one else None)(found)
+
+    return show
+
+
+# ------------------------------------------------------------------------------
+# The statistics: spectra, impacts one by one, damage and reliability of missions.
+# ------------------------------------------------------------------------------
+
+
+@declare("statistics.spectra:spectrum", SAMPLED, progress="simulating", judged=True)
+def spectrum(question: Question) -> None:
+    """Estimate spectra, transmissibility and coherence.
+
+    --rel-error (float)  Relative standard error at a frequency [0.05].
+    --paths (int)  Number of paths, instead of a relative error.
+    --method welch|multitaper = welch  Overlapping segments, or several tapers over whole paths.
+    --highest HZ (float)  Highest frequency [4 times the mode's].
+    --segment TIME (time)  Length of a segment [21 / bandwidth].
+    {keeping}
+    """
+
+
+@declare("statistics.stability:stability", SAMPLED, progress="simulating")
+def stability(question: Question) -> None:
+    """Find whether the motion of a modulated structure grows.
+
+    --rel-error (float)  Relative standard error of the exponent [0.02].
+    {keeping}
+    """
+
+
+@declare("statistics.impacts:impacts", SAMPLED, progress="simulating", judged=True)
+def impacts(question: Question) -> Show:
+    """Collect impacts: rates, intervals, speeds, energy.
+
+    --rel-error (float)  Relative standard error of the rate [0.02].
+    --paths (int)  Number of paths, instead of a relative error.
+    --duration (time)  Length of each path after its burn-in, with --paths.
+    --speed-threshold (speed)  Slowest impact that counts, m/s.
+    --slow-impacts  Refine steps near stops, for rates at R of 0.5 and below.
+    --first-hits  Simulate the rate of first impacts, too.
+    --mission TIME (time)  Print the impacts in this time, too.
+    {keeping}
+    """
+    mission = question.asked.pop("mission")
+    return lambda found: question.show(found, mission=mission)
+
+
+@declare(
+    "statistics.damage:damage", SAMPLED.replace("open", "kept"), progress="damage", judged=True,
+    fails=lambda found: found.unseen_in_words if found.unseen else "",
+)  # fmt: skip
+def damage(question: Question) -> None:
+    """Find shock and fatigue spectra of equipment that a scene shakes.
+
+    Example: stochvi damage bumper.toml --mission 1h --equipment 20:2000 --q 10 --exponent 6
+
+    --mission TIME (time)  Duration: 600 (s) or 10h [of a phase its own]; left out where the scene
+        has phases.
+    --equipment LOW:HIGH[:NUMBER] = 20:2000  Natural frequencies of the equipment, Hz; without a
+        number six in each octave.
+    --q (float) = 10.0  Q of the equipment.
+    --exponent (float) = 6.0  Exponent of its fatigue.
+    --at NAME  Coordinate or named point on which it stands; default: the first coordinate.
+    --way simulation|clusters|record  Simulate everything, or clusters of impacts alone; by default
+        where they are rare. record: follow a measured record itself, with its potholes.
+    --levels A,A,...  Count contacts above these accelerations, m/s^2 or as 10g,20g.
+    --rel-error (float) = 0.2  Median relative standard error of the damage.
+    --test-duration TIME (time)  Duration of a random test that does the same damage; --out gets its
+        profile.csv.
+    --breakpoints (int) = 12  Largest number of breakpoints of its profile.
+    {keeping}
+    """
+    from stochvi.scenes.scene import phase_duration
+
+    asked = question.asked
+    asked["mission"] = asked["mission"] or phase_duration(question.file)
+    levels = asked["levels"]
+    asked["levels"] = () if levels is None else numbers("--levels", levels, "m/s^2")
+    asked["equipment"] = band("--equipment", asked["equipment"])
+    question.judged = asked["way"] != "record"
+
+
+@declare("statistics.histories:history", "budget, seed, json, out, quiet")
+def history(question: Question) -> Show:
+    """Record one realisation: motion, forces, impacts.
+
+    Example: stochvi history truck.toml --duration 10s --rate 1000 --out out
+
+    --duration TIME (time, needed)  Length of the path, as 10 (s) or 2min.
+    --path (int) = 0  Number of the realisation.
+    --rate HZ (float)  Samples per second [one per time step].
+    --animate  Also draw history.gif: masses between their stops.
+    """
+    from stochvi.views.density import draw_history, write_animation
+    from stochvi.views.files import write_parquet
+    from stochvi.views.schematic import draw_shapes, has_shape
+
+    options, scene, animate = question.options, question.scene, question.asked.pop("animate")
+    if animate and options.out is None:
+        raise ValueError("--animate writes history.gif into a folder: give --out DIR as well")
+
+    def show(found: Any) -> None:
+        question.show(found)
+        if options.out is None:
+            return
+        write_parquet(found.samples, options.out / "history.parquet")
+        options.draw("history", lambda: draw_history(found, scene, scene.title))
+        if has_shape(found, scene):
+            options.draw("shape", lambda: draw_shapes(found, scene, scene.title))
+        if animate:
+            write_animation(found, scene, options.out / "history.gif", scene.title)
+
+    return show
+
+
+@declare(
+    "statistics.reliability:reliability", "kept budget, seed, threads, json, out, force, quiet",
+    progress="reliability", judged=True,
+)  # fmt: skip
+def reliability(question: Question) -> Show:
+    """Find probabilities of impacts in a mission, to 1e-9.
+
+    Example: stochvi reliability box.toml --mission 3600 --impact-speed 0.5 --start rest
+
+    --mission TIME (time)  Duration: 600 (s) or 10h [of a phase its own]; left out where the scene
+        has phases.
+    --barrier B|LO,HI  Without stops: barrier from the unloaded spring, 0.004 (m) or 4mm; LO, HI may
+        be empty.
+    --impact-speed M/S (speed)  Largest allowed impact speed.
+    --peak-acceleration A|Ag  Largest allowed acceleration in a contact with compliant stops, m/s^2
+        or g (80g).
+    --at NAME  Coordinate or named point of that acceleration; default: all of them.
+    --pair NAME  Count impacts on this pair alone.
+    --start rest|stationary = stationary  Start at rest, or in the stationary motion.
+    --way crude|splitting|first-crossings  Method; default: the one that a pilot run finds cheapest.
+        In Python 'first crossings'.
+    --rel-error (float) = 0.05  Relative standard error.
+    --tolerances LIST  Distributions between the units of a production, for the mean probability of
+        any impact: frequency=normal:3% (std), clearance=uniform:0.1mm.
+    {keeping}
+    """
+    from stochvi.isolators.production_risk import production, unmet
+    from stochvi.results.errors import NotApplicable
+    from stochvi.scenes.scene import phase_duration
+    from stochvi.views.isolator_tables import print_production
+    from stochvi.views.tables import print_line
+
+    asked, options, scene = question.asked, question.options, question.scene
+    asked["mission"] = asked["mission"] or phase_duration(question.file)
+    tolerances, limit, barrier = (
+        asked.pop("tolerances"), asked["peak_acceleration"], asked["barrier"]
+    )  # fmt: skip
+    allowed, spreads = tolerances_of(scene, tolerances)
+    if tolerances is not None and not spreads:
+        raise ValueError(
+            "--tolerances must hold a distribution between units, as frequency=normal:3%, got "
+            f"{tolerances}; limits are for size"
+        )
+    alone = barrier is not None or asked["start"] == "rest" or bool(scene.phases)
+    if alone and tolerances is None:
+        spreads = {}  # what the scene states is then at its mean, as the answer says
+    if spreads and alone and not scene.phases:
+        raise ValueError(
+            "--tolerances must be left out with --barrier and --start rest: the mean over units is "
+            "found for stops, from a stationary start"
+        )
+    if spreads and (conditions := unmet(scene)):
+        raise NotApplicable("production", conditions)
+    deadline = options.until(options.budget)
+    asked |= {
+        "barrier": None if barrier is None else barriers(barrier),
+        "peak_acceleration": acceleration(limit),
+        "way": asked["way"] and asked["way"].replace("-", " "),
+        "budget": deadline.part(0.5 if spreads else 1.0),
+    }
+
+    def units_of(answer: Reliability) -> Production:
+        with options.progress("units") as report:
+            return production(
+                scene, spreads, mission=answer.mission, pair=asked["pair"], tolerances=allowed,
+                rel_error=asked["rel_error"], progress=report, seed=options.seed,
+                threads=options.threads, budget=deadline.part(1.0),
+            )  # fmt: skip
+
+    def show(answer: Reliability) -> None:
+        units = [units_of(answer)] if spreads else []
+        document = answer.to_dict() | ({"production": units[0].to_dict()} if units else {})
+        limit_in_g = limit if (limit or "").endswith("g") else None
+        question.show(answer, document=document, limit_in_g=limit_in_g)
+        for each in units:
+            if not options.quiet:
+                print_line(options.console, each.summary())
+                print_production(options.console, each)
+            options.draw("production", each.plot)
+        if options.out is not None:
+            from stochvi.isolators.screening import scene_at_rest
+            from stochvi.views.report import write_reliability_report
+
+            origin = options.origin(question.file, answer.provenance)
+            first = scene_at_rest(scene.phases[0].of(scene) if scene.phases else scene)
+            record, _ = question.verdict
+            write_reliability_report(answer, scene, first, record, options.out, origin, *units)
+
+    return show

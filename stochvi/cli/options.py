@@ -11,7 +11,7 @@ import os
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -167,42 +167,54 @@ class Common:
         return progress_bar(self.quiet, title)
 
     def show(
-        self, found: Any, tell: Callable[[Console, Any], None], table: str | None = None,
-        document: Mapping[str, Any] | None = None, record: RecordVerdict | None = None,
-        where: str = "",
+        self, found: Any, scene: Scene | None = None, *, document: Mapping[str, Any] | None = None,
+        verdict: tuple[RecordVerdict | None, str] = (None, ""), **words: Any,
     ) -> None:  # fmt: skip
-        """Show an answer as the options ask: write its JSON document, print it, write its table.
+        """Show an answer as the options ask: its JSON document, what is told of it, its tables and
+        its picture under the title of the scene. `words` are for its printer alone."""
+        from stochvi.views.files import write_table
+        from stochvi.views.pictures import view_of
 
-        Files that are written stay if a later step fails.
+        view = view_of(found)
+        self.tell(
+            found.to_dict() if document is None else document,
+            lambda console: view.tell(console, found, **words), *verdict,
+        )  # fmt: skip
+        if self.out is None:
+            return
+        for name, table in view.files(found).items():
+            write_table(table, self.out / f"{name}.csv")
+        if view.file and view.drawn is not None and view.has_picture(found):
+            self.draw(view.file, lambda: view.draw(found, scene.title if scene else ""))
+
+    def tell(
+        self, document: Mapping[str, Any], tell: Callable[[Console], None],
+        record: RecordVerdict | None = None, where: str = "",
+    ) -> None:  # fmt: skip
+        """Write the JSON document of an answer, and print it. Files stay if a later step fails.
 
         Parameters
         ----------
         tell
             Prints the answer on a console.
-        table
-            Name of the file of the table, without its ending; None for an answer that has none.
-        document
-            The JSON document, by default that of the answer.
         record, where
             Whether a record of the scene agrees with the Gaussian noise of the answer, which stands
             first, and the phase that it shakes.
         """
-        from stochvi.views.files import write_json, write_table
+        from stochvi.views.files import write_json
 
         self.judged.extend([] if record is None else [record])
         verdict = {} if record is None else {"record": record.to_dict()}
         try:
             if self.json_file is not None:
-                write_json({**(document or found.to_dict()), **verdict}, self.json_file)
+                write_json({**document, **verdict}, self.json_file)
         finally:  # a disk that is full costs the file, not the answer
             if not self.quiet:
                 if record is not None:
                     from stochvi.views.isolator_tables import print_record
 
                     print_record(self.console, record, where)
-                tell(self.console, found)
-        if self.out is not None and table is not None:
-            write_table(found.to_frame(), self.out / f"{table}.csv")
+                tell(self.console)
 
     def draw(self, name: str, picture: Callable[[], Axes]) -> None:
         """Write a picture, if there is a folder for it; if that fails, print a note."""
@@ -312,49 +324,88 @@ class Formats(click.ParamType):  # type: ignore[type-arg]
 TIME, SPEED, CHANCE, RATE = Quantity("time"), Quantity("speed"), Chance(), Rate()
 FREQUENCY = Quantity("frequency")
 
-OPTIONS = {
-    "json": click.option(
-        "--json", "json_file", metavar="FILE|-",
-        help="File that gets the answer as JSON; - for standard output.",
-    ),
-    "out": click.option(
-        "--out", type=Folder(path_type=Path), metavar="DIR",
-        help="Folder that gets tables and pictures.",
-    ),
-    "formats": click.option(
-        "--formats", type=Formats(), default="", metavar="LIST",
-        help="With --out, also as: mat, uff (tables), pdf (the report, if any).",
-    ),
-    "units": click.option(
-        "--units", type=Units(), default="", metavar="LIST",
-        help="Units of tables, pictures, pages and CSV, as mm,g or in,lbf; JSON is in SI units.",
-    ),
-    "seed": click.option(
-        "--seed", type=int, default=0,
-        help="Seed of the random numbers: the same seed gives the same digits.",
-    ),
-    "threads": click.option(
-        "--threads", type=int, help="Number of threads; by default that of the cores."
-    ),
-    "budget": click.option(
-        "--budget", type=TIME, default=BUDGET, show_default=True, metavar="TIME",
-        help="Largest time; the exit code is 1 if the answer is not accurate enough by then.",
-    ),
-    "open budget": click.option(
-        "--budget", type=TIME, metavar="TIME",
-        help="Largest time; the exit code is 1 if the answer is not accurate enough by then "
-        f"[{BUDGET:g}; no limit with --paths, --checkpoint or --resume].",
-    ),
-    "kept budget": click.option(
-        "--budget", type=TIME, metavar="TIME",
-        help="Largest time; the exit code is 1 if the answer is not accurate enough by then "
-        f"[{BUDGET:g}; no limit with --checkpoint or --resume].",
-    ),
-    "force": click.option(
-        "--force", is_flag=True, help="Replace the report of another scene or question in --out."
-    ),
-    "quiet": click.option("--quiet", is_flag=True, help="Show neither tables nor progress."),
+KINDS = {
+    "int": int, "float": float, "text": str, "time": TIME, "speed": SPEED, "chance": CHANCE,
+    "rate": RATE, "frequency": FREQUENCY, "force": Quantity("force"), "length": Quantity("length"),
+    "units": Units(), "formats": Formats(), "folder": Folder(path_type=Path),
+    "path": click.Path(path_type=Path),
 }  # fmt: skip
+"""Kinds of values by the words that name them on a page."""
+
+GROUPS = {
+    "BUDGET": BUDGET,
+    "keeping": """
+        --checkpoint FILE  Save the simulation to this file. It replaces a checkpoint there; a long
+            one is kept as FILE.earlier.
+        --checkpoint-interval TIME (time) = 1.0  Time between checkpoints: a crash loses at most
+            this, and one task.
+        --resume FILE  Continue from a checkpoint, with its options and seed, and keep saving to it.
+    """,
+    "range": """
+        --from F as start (frequency)  Lowest frequency, Hz.
+        --to F as end (frequency)  Highest frequency, Hz.
+        --points (int) = 400  Number of frequencies, both ends included.
+    """,
+}
+"""What pages name in braces: options that several commands have, and numbers."""
+
+LINE = re.compile(
+    r"(--[a-z-]+)(?: ([a-z-]+(?:\|[a-z-]+)+))?(?: ([^ (:=]\S*)(?<! as))?(?: as (\w+))?"
+    r"(?: \(([^)]+)\))?(?: (:?=)(?: (\S+))?)?"
+)
+"""A line of an option on a page, without its help: the option, what it may be or what stands for
+it, its argument, its kind, and its default."""
+
+
+def on_page(page: str) -> tuple[str, list[Callable[[Any], Any]]]:
+    """The help of a command, and its options, from a page that states both.
+
+    A line "--name KEY as argument (kind) = default  Help." is an option. What is not said is left
+    out: an option without anything else is a flag. "a|b" are choices, ":=" is a default that
+    help does not show; a kind may also be "needed" or "many".
+    """
+    words, *entries = re.split(r"\n\s*(?=--)", "\n" + page.format(**GROUPS))
+    return words[1:], [
+        _option(*re.split(r"  |\n\s*", each.strip(), maxsplit=1)) for each in entries
+    ]
+
+
+def _option(line: str, words: str) -> Callable[[Any], Any]:
+    """An option of click, from its line on a page and its help."""
+    if (match := LINE.fullmatch(line)) is None:
+        raise ValueError(f"this is no line of an option: {line!r}")
+    name, choices, metavar, argument, kinds, equals, default = match.groups()
+    of = set() if kinds is None else set(kinds.split(", "))
+    needed, many = "needed" in of, "many" in of
+    kind = click.Choice(choices.split("|")) if choices else None
+    kind = kind or next((KINDS[each] for each in of - {"needed", "many"}), str)  # type: ignore[assignment]
+    more: dict[str, Any] = {"type": kind, "metavar": metavar, "required": needed, "multiple": many}
+    if not (choices or metavar or kinds):
+        more = {"is_flag": True}
+    if equals:
+        more |= {"default": default or "", "show_default": equals == "="}
+    names = [name] if argument is None else [name, argument]
+    return click.option(*names, help=" ".join(words.split()), **more)
+
+
+LARGEST = "Largest time; the exit code is 1 if the answer is not accurate enough by then"
+OPTIONS = {
+    "json": "--json FILE|- as json_file  File that gets the answer as JSON; - for standard output.",
+    "out": "--out DIR (folder)  Folder that gets tables and pictures.",
+    "formats": "--formats LIST (formats) :=  "
+    "With --out, also as: mat, uff (tables), pdf (the report, if any).",
+    "units": "--units LIST (units) :=  "
+    "Units of tables, pictures, pages and CSV, as mm,g or in,lbf; JSON is in SI units.",
+    "seed": "--seed (int) := 0  Seed of the random numbers: the same seed gives the same digits.",
+    "threads": "--threads (int)  Number of threads; by default that of the cores.",
+    "budget": f"--budget TIME (time) = {BUDGET}  {LARGEST}.",
+    "open budget": f"--budget TIME (time)  {LARGEST} "
+    f"[{BUDGET:g}; no limit with --paths, --checkpoint or --resume].",
+    "kept budget": f"--budget TIME (time)  {LARGEST} "
+    f"[{BUDGET:g}; no limit with --checkpoint or --resume].",
+    "force": "--force  Replace the report of another scene or question in --out.",
+    "quiet": "--quiet  Show neither tables nor progress.",
+}
 """The common options by name. "open budget" and "kept budget" are --budget without a default. The
 first is for commands that also end by a number of paths or keep their work; the second is for those
 that only keep it."""
@@ -405,7 +456,7 @@ def fail_unless_gaussian(record: RecordVerdict | None) -> None:
 def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command these options, whose values it gets as `Common`, its first argument."""
     names = (*names, "units", *(["formats"] if "out" in names else []))
-    fields = [FIELDS.get(name, name) for name in names]
+    kept = [FIELDS.get(name, name) for name in names]
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(command)
@@ -421,7 +472,7 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
             if budget is not None and not 0.0 < budget < math.inf:
                 raise ValueError(f"budget must be a positive number of seconds, got {budget}")
             options = Common(
-                **{field: given.pop(field) for field in fields},
+                **{name: given.pop(name) for name in kept},
                 question=_question(given), begun=begun,
             )  # fmt: skip
             quiet = options.quiet
@@ -436,16 +487,17 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
                         command(options, **given)
                 else:
                     command(options, **given)
-                if kept := units_passed_over():
-                    echo(f"note: numbers in {', '.join(kept)} are shown as they are: --units knows "
-                         "no other unit for them")  # fmt: skip
+                if passed := units_passed_over():
+                    echo(f"note: numbers in {', '.join(passed)} are shown as they are: --units "
+                         "knows no other unit for them")  # fmt: skip
             for record in options.judged:
                 fail_unless_gaussian(record)
             if has_budget and begun.interrupted:
                 stop("interrupted by Ctrl-C; the answer was kept", FAILED)
 
         for name in reversed(names):
-            run = OPTIONS[name](run)
+            (option,) = on_page(OPTIONS[name])[1]
+            run = option(run)
         return run
 
     return decorate
@@ -473,54 +525,6 @@ def _question(given: Mapping[str, Any]) -> str:
     places = [os.path.realpath(path) for path in _scenes(given)]
     words = [click.get_current_context().info_name, places, sorted(asked.items())]
     return hashlib.sha256(repr(words).encode()).hexdigest()[:16]
-
-
-def keeping(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command --checkpoint, --checkpoint-interval and --resume."""
-    for option in (
-        click.option(
-            "--resume", metavar="FILE",
-            help="Continue from a checkpoint, with its options and seed, and keep saving to it.",
-        ),
-        click.option(
-            "--checkpoint-interval", type=TIME, default=1.0, show_default=True, metavar="TIME",
-            help="Time between checkpoints: a crash loses at most this, and one task.",
-        ),
-        click.option(
-            "--checkpoint", metavar="FILE",
-            help="Save the simulation to this file. It replaces a checkpoint there; a long one is "
-            "kept as FILE.earlier.",
-        ),
-    ):  # fmt: skip
-        command = option(command)
-    return command
-
-
-def equipped(condition: str = "") -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command --equipment, --q and --exponent; `condition` says when they count."""
-
-    def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        for option in (
-            click.option(
-                "--exponent", type=float, default=6.0, show_default=True,
-                help=_sentence(f"{condition}exponent of its fatigue."),
-            ),
-            click.option(
-                "--q", type=float, default=10.0, show_default=True,
-                help=f"{condition}Q of the equipment.",
-            ),
-            click.option(
-                "--equipment", default="20:2000", show_default=True, metavar="LOW:HIGH[:NUMBER]",
-                help=_sentence(
-                    f"{condition}natural frequencies of the equipment, Hz; without a number six in "
-                    "each octave."
-                ),
-            ),
-        ):  # fmt: skip
-            command = option(command)
-        return command
-
-    return decorate
 
 
 def how_to_go_on(given: Mapping[str, Any]) -> str:
@@ -561,6 +565,11 @@ class Varied:
     points: int
     vary: str | None
 
+    @classmethod
+    def of(cls, asked: dict[str, Any]) -> Varied:
+        """The values, which are taken out of the options of a command."""
+        return cls(**{each.name: asked.pop(each.name) for each in fields(cls)})
+
     @property
     def given(self) -> bool:
         """Whether any of them is given."""
@@ -597,52 +606,6 @@ class Varied:
         if self.start is not None or self.end is not None:
             raise ValueError("--vary takes the place of --from and --to, got both; leave out one")
         return {"vary": self.values(scene)}
-
-
-def varied(
-    points: int, key: str, condition: str = ""
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command --from, --to, --points and --vary, whose values it gets as `varied`.
-
-    `points` is the number of frequencies unless --points is given, `key` says what --vary takes,
-    and `condition` when the options count.
-    """
-    options = [
-        click.option(
-            "--from", "start", type=FREQUENCY, metavar="F",
-            help=_sentence(f"{condition}lowest frequency, Hz."),
-        ),
-        click.option(
-            "--to", "end", type=FREQUENCY, metavar="F",
-            help=_sentence(f"{condition}highest frequency, Hz."),
-        ),
-        click.option(
-            "--points", type=int, default=points, show_default=True,
-            help="Number of frequencies, both ends included.",
-        ),
-        click.option(
-            "--vary", metavar="KEY=FIRST:LAST:NUMBER",
-            help=f"{condition or 'Instead of frequencies: '}{key}",
-        ),
-    ]  # fmt: skip
-
-    def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        @functools.wraps(command)
-        def run(
-            *, start: float | None, end: float | None, points: int, vary: str | None, **given: Any
-        ) -> None:
-            command(varied=Varied(start, end, points, vary), **given)
-
-        for option in reversed(options):
-            run = option(run)
-        return run
-
-    return decorate
-
-
-def _sentence(words: str) -> str:
-    """The words with a capital at their start."""
-    return words[:1].upper() + words[1:]
 
 
 def numbers(option: str, text: str, unit: str = "") -> list[float]:

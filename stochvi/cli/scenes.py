@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from stochvi.cli.options import Common, common
+from stochvi.cli.declared import command
+from stochvi.cli.options import Common
 from stochvi.cli.program import BAD_INPUT, FAILED, console_for, main, progress_bar, stop
 
 if TYPE_CHECKING:
@@ -31,14 +32,12 @@ CLEARANCES_IN_SIGMA = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
 """Clearances of the isolator in the table, in rms displacements without stops."""
 
 
-@main.command()
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
-    metavar="DIR", help="Where tables and pictures go.",
-)  # fmt: skip
-@common("seed", "threads", "quiet")
+@command("seed, threads, quiet", reads="")
 def demo(options: Common, out: Path) -> None:
-    """Run a textbook case and a truck isolator."""
+    """Run a textbook case and a truck isolator.
+
+    --out DIR (path) = out  Where tables and pictures go.
+    """
     from stochvi.cli.program import check_folder_target
 
     check_folder_target(out)

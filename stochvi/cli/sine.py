@@ -5,217 +5,97 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import click
-
+from stochvi.cli.declared import Question, command, declare
 from stochvi.cli.options import (
-    CHANCE,
-    RATE,
-    SPEED,
-    TIME,
     Common,
     Varied,
     acceleration,
-    common,
     fail_unless_gaussian,
     judged_phase,
-    keeping,
-    shown,
-    varied,
 )
-from stochvi.cli.program import FAILED, executor_at, main, stop
-
-if TYPE_CHECKING:
-    from stochvi.methods.periodic import Basins
-    from stochvi.statistics import LifeTimes
+from stochvi.cli.program import FAILED, executor_at, stop
 
 
-@main.command()
-@click.argument("scene")
-@varied(400, "values of a key of the scene, as impact_pair.0.clearance=3mm:6mm:100.")
-@click.option(
-    "--sweep", type=click.Choice(["up", "down", "both"]),
-    help="Also simulate a slow sweep from value to value.",
-)  # fmt: skip
-@click.option(
-    "--form", type=click.Choice(["exact", "motion", "force"]), default="exact", show_default=True,
-    help="Exact regimes, or harmonic linearisation of motion or force, with its error.",
-)  # fmt: skip
-@click.option(
-    "--coordinate", metavar="NAME",
-    help="Coordinate or point whose displacement is shown [the first].",
-)  # fmt: skip
-@click.option(
-    "--impacts", type=int, default=3, show_default=True,
-    help="Largest number of impacts per period of regimes that are looked for.",
-)  # fmt: skip
-@common("budget", "json", "out", "quiet")
-def sine(
-    options: Common, scene: str, varied: Varied, sweep: str | None, form: str,
-    coordinate: str | None, impacts: int,
-) -> None:  # fmt: skip
+@declare("methods.periodic:harmonic_response", "budget, json, out, quiet")
+def sine(question: Question) -> None:
     """Find all periodic motions under a sine, and jumps.
 
     Periodic regimes, stable or not, are calculated exactly over frequency or any key of the scene,
     with the values at which a slow sweep jumps. Without --from and --to they are calculated at the
     frequency of the scene. Noise of the scene is left out.
+
+    {range}
+    --vary KEY=FIRST:LAST:NUMBER  Instead of frequencies: values of a key of the scene, as
+        impact_pair.0.clearance=3mm:6mm:100.
+    --sweep up|down|both  Also simulate a slow sweep from value to value.
+    --form exact|motion|force = exact  Exact regimes, or harmonic linearisation of motion or force,
+        with its error.
+    --coordinate NAME  Coordinate or point whose displacement is shown [the first].
+    --impacts as most_impacts (int) = 3  Largest number of impacts per period of regimes that are
+        looked for.
     """
-    from stochvi.methods.periodic import harmonic_response
-    from stochvi.scenes.scene import load_scene
-    from stochvi.views.sine import draw_sine, print_sine
-
-    loaded = load_scene(scene)
-    asked = varied.asked(loaded)
-    shown(
-        lambda: harmonic_response(
-            loaded, **asked, form=form, sweep=sweep, coordinate=coordinate, most_impacts=impacts,
-            budget=options.rest,
-        ),
-        lambda found: _show(options, found, print_sine, draw_sine, "sine"),
-    )  # fmt: skip
+    question.asked |= Varied.of(question.asked).asked(question.scene)
 
 
-@main.command()
-@click.argument("scene")
-@click.option(
-    "--start", "sides", multiple=True, metavar="NAME=FIRST:LAST:NUMBER",
-    help="Starts along one axis of the map, as displacement.x=-1mm:1mm:300; give it for both axes.",
-)  # fmt: skip
-@click.option(
-    "--phase", type=float, default=0.0, show_default=True,
-    help="Phase of the force at the start, degrees.",
-)  # fmt: skip
-@click.option(
-    "--periods",
-    type=int,
-    default=300,
-    show_default=True,
-    help="Periods for which each start is followed.",
-)
-@keeping
-@common("threads", "kept budget", "json", "out", "quiet")
-def basins(
-    options: Common, scene: str, sides: tuple[str, ...], phase: float, periods: int, **kept: Any
-) -> None:
+@declare("methods.periodic:basins", "threads, kept budget, json, out, quiet", progress="basins")
+def basins(question: Question) -> None:
     """Find which motion each start ends in, under a sine.
 
     The starts lie in a plane of two displacements or velocities, all others being 0. Each start is
     followed to the regime in which it ends, and the plane is coloured by regime. Noise of the scene
     is left out.
+
+    --start NAME=FIRST:LAST:NUMBER as plane (many)  Starts along one axis of the map, as
+        displacement.x=-1mm:1mm:300; give it for both axes.
+    --phase as phase_deg (float) = 0.0  Phase of the force at the start, degrees.
+    --periods (int) = 300  Periods for which each start is followed.
+    {keeping}
     """
-    from stochvi.methods.periodic import basins as map_of
-    from stochvi.scenes.scene import load_scene
-    from stochvi.views.sine import plot_basins, print_basins
-
-    loaded = load_scene(scene)
-    plane = dict(_numbers_of(side) for side in sides) or None
-
-    def solve() -> Basins:
-        with options.progress("basins") as report:
-            return map_of(
-                loaded, plane, phase_deg=phase, periods=periods, threads=options.threads,
-                budget=options.rest, progress=report, **kept,
-            )  # fmt: skip
-
-    shown(solve, lambda found: _show(options, found, print_basins, plot_basins, "basins"), kept)
+    question.asked["plane"] = dict(map(_numbers_of, question.asked["plane"])) or None
 
 
-@main.command()
-@click.argument("scene")
-@varied(400, "values of a key of the scene, as excitation.0.amplitude=1:3:400.")
-@click.option(
-    "--sweep", type=click.Choice(["up", "down", "both"]), default="both", show_default=True,
-    help="Direction of the sweep; each motion starts from that at the value before.",
-)  # fmt: skip
-@click.option(
-    "--settling", type=int, default=300, show_default=True,
-    help="Periods that pass at each value before its motion is watched.",
-)  # fmt: skip
-@click.option(
-    "--watched",
-    type=int,
-    default=128,
-    show_default=True,
-    help="Periods for which the motion is watched.",
-)
-@click.option(
-    "--start", "starts", multiple=True, metavar="NAME=VALUE",
-    help="State before the first value, as velocity.x=0.2 [at rest].",
-)  # fmt: skip
-@common("budget", "json", "out", "quiet")
-def bifurcation(
-    options: Common, scene: str, varied: Varied, sweep: str, settling: int, watched: int,
-    starts: tuple[str, ...],
-) -> None:  # fmt: skip
+@declare("methods.periodic:bifurcation", "budget, json, out, quiet")
+def bifurcation(question: Question) -> None:
     """Sweep a key slowly: period doublings and chaos.
 
     They are simulated from impact to impact, with the Lyapunov exponent at each value. Noise of the
     scene is left out.
-    """
-    from stochvi.methods.periodic import bifurcation as diagram_of
-    from stochvi.scenes.scene import load_scene
-    from stochvi.views.sine import draw_bifurcation, print_bifurcation
 
-    loaded = load_scene(scene)
-    asked = varied.asked(loaded)
-    if not asked:
+    {range}
+    --vary KEY=FIRST:LAST:NUMBER  Instead of frequencies: values of a key of the scene, as
+        excitation.0.amplitude=1:3:400.
+    --sweep up|down|both = both  Direction of the sweep; each motion starts from that at the value
+        before.
+    --settling (int) = 300  Periods that pass at each value before its motion is watched.
+    --watched (int) = 128  Periods for which the motion is watched.
+    --start NAME=VALUE as starts (many)  State before the first value, as velocity.x=0.2 [at rest].
+    """
+    asked = question.asked
+    starts = asked.pop("starts")
+    over = Varied.of(asked).asked(question.scene)
+    if not over:
         raise ValueError("--from and --to, or --vary, must say what is varied, got neither")
     begun = {name: values[0] for name, values in map(_numbers_of, starts)}
-    shown(
-        lambda: diagram_of(
-            loaded, **asked, sweep=sweep, settling=settling, watched=watched, start=begun,
-            budget=options.rest,
-        ),
-        lambda found: _show(options, found, print_bifurcation, draw_bifurcation, "bifurcation"),
-    )  # fmt: skip
+    question.asked |= {**over, "start": begun}
 
 
-@main.command()
-@click.argument("scene")
-@click.option(
-    "--regime", "regimes", multiple=True, metavar="NAME",
-    help='Regime whose life time is wanted, as "no impacts" [all].',
+@declare(
+    "statistics.lifetimes:lifetimes", "seed, threads, kept budget, json, out, quiet",
+    progress="lifetimes",
 )  # fmt: skip
-@click.option(
-    "--rel-error",
-    type=float,
-    default=0.1,
-    show_default=True,
-    help="Relative standard error of the mean life times.",
-)
-@keeping
-@common("seed", "threads", "kept budget", "json", "out", "quiet")
-def lifetimes(
-    options: Common, scene: str, regimes: tuple[str, ...], rel_error: float, **kept: Any
-) -> None:
+def lifetimes(question: Question) -> None:
     """Find how long each motion lasts in noise.
 
     Paths start in each of the regimes that coexist without noise. They are simulated with the noise
-    of the scene until enough of them have left."""
-    from stochvi.scenes.scene import load_scene
-    from stochvi.statistics.lifetimes import lifetimes as times_of
-    from stochvi.views.sine import plot_lifetimes, print_lifetimes
+    of the scene until enough of them have left.
 
-    loaded = load_scene(scene)
-
-    def solve() -> LifeTimes:
-        with options.progress("lifetimes") as report:
-            return times_of(
-                loaded, regimes or None, rel_error=rel_error, progress=report,
-                **options.sampling, **kept,
-            )  # fmt: skip
-
-    shown(
-        solve,
-        lambda found: _show(options, found, print_lifetimes, plot_lifetimes, "lifetimes"),
-        kept,
-    )
-
-
-def _show(options: Common, found: Any, tell: Any, draw: Any, name: str) -> None:
-    options.show(found, tell, name)
-    options.draw(name, lambda: draw(found))
+    --regime NAME as regimes (many)  Regime whose life time is wanted, as "no impacts" [all].
+    --rel-error (float) = 0.1  Relative standard error of the mean life times.
+    {keeping}
+    """
+    question.asked["regimes"] = question.asked["regimes"] or None
 
 
 def _numbers_of(text: str) -> tuple[str, list[float]]:
@@ -275,51 +155,7 @@ def _check_options(method: str, given: Mapping[str, Any], phases: bool) -> None:
         )
 
 
-@main.command()
-@click.argument("scene")
-@click.option(
-    "--vary", required=True, multiple=True, metavar="KEY=FIRST:LAST:NUMBER",
-    help="For example impact_pair.0.law.coefficient=0.3:1:8; also ...:log, or KEY=VALUE,VALUE. A "
-    "value may have a unit: impact_pair.0.clearance=3mm:6mm:4. Several --vary: all combinations.",
-)  # fmt: skip
-@click.option(
-    "--method", default="simulate", show_default=True,
-    type=click.Choice([
-        "simulate", "exact", "closure", "fokker-planck", "average", "size", "reliability", "replay"
-    ]),
-    help="Method that is applied to each scene.",
-)  # fmt: skip
-@click.option(
-    "--probability", type=CHANCE, metavar="P", help="size: probability of any impact, 0.01 or 1%."
-)
-@click.option("--rate", type=RATE, metavar="F", help="size: impacts on all stops, 2 (1/s), 0.1/h.")
-@click.option("--impact-speed", type=SPEED, metavar="V", help="size, reliability: limit, m/s.")
-@click.option(
-    "--peak-acceleration", metavar="A[g]", help="size, reliability: limit, m/s^2 or g (40g)."
-)
-@click.option(
-    "--exceedance",
-    type=CHANCE,
-    metavar="P",
-    help="size: probability of exceeding the limit [0.01].",
-)
-@click.option("--mission", type=TIME, metavar="TIME", help="size [1h], reliability: 3600 (s), 10h.")
-@click.option(
-    "--rel-error", type=float, help="Relative standard error: of means [0.01], of the risk [0.05]."
-)
-@click.option("--paths", type=int, help="Number of paths, instead of a relative error.")
-@click.option("--duration", type=TIME, help="Length of each path after its burn-in, with --paths.")
-@click.option(
-    "--random-numbers", type=click.Choice(["common", "independent"]), default="common",
-    show_default=True,
-    help="The same in each row, so that rows differ by their scenes only, or other ones.",
-)  # fmt: skip
-@click.option("--dask", metavar="ADDRESS", help="Simulate on a Dask cluster.")
-@click.option(
-    "--budget", type=TIME, metavar="TIME",
-    help="Time for each row: N rows take up to N times this [60; none with --paths].",
-)  # fmt: skip
-@common("seed", "threads", "out", "quiet")
+@command("seed, threads, out, quiet")
 def sweep(
     options: Common, scene: str, vary: tuple[str, ...], method: str, random_numbers: str,
     dask: str | None, **asked: Any,
@@ -328,6 +164,25 @@ def sweep(
 
     Each finished row is kept in --out, and the same command continues a sweep that was stopped.
     Besides sweep.csv it writes sweep.parquet if pyarrow is installed (pip install pyarrow).
+
+    --vary KEY=FIRST:LAST:NUMBER (needed, many)  For example impact_pair.0.law.coefficient=0.3:1:8;
+        also ...:log, or KEY=VALUE,VALUE. A value may have a unit:
+        impact_pair.0.clearance=3mm:6mm:4. Several --vary: all combinations.
+    --method simulate|exact|closure|fokker-planck|average|size|reliability|replay = simulate  Method
+        that is applied to each scene.
+    --probability P (chance)  size: probability of any impact, 0.01 or 1%.
+    --rate F (rate)  size: impacts on all stops, 2 (1/s), 0.1/h.
+    --impact-speed V (speed)  size, reliability: limit, m/s.
+    --peak-acceleration A[g]  size, reliability: limit, m/s^2 or g (40g).
+    --exceedance P (chance)  size: probability of exceeding the limit [0.01].
+    --mission TIME (time)  size [1h], reliability: 3600 (s), 10h.
+    --rel-error (float)  Relative standard error: of means [0.01], of the risk [0.05].
+    --paths (int)  Number of paths, instead of a relative error.
+    --duration (time)  Length of each path after its burn-in, with --paths.
+    --random-numbers common|independent = common  The same in each row, so that rows differ by their
+        scenes only, or other ones.
+    --dask ADDRESS  Simulate on a Dask cluster.
+    --budget TIME (time)  Time for each row: N rows take up to N times this [60; none with --paths].
     """
     from stochvi.scenes.scene import load_scene
     from stochvi.sweeps import once, values_of

@@ -1,17 +1,17 @@
-"""The picture of every kind of answer, which its method `plot` draws."""
+"""How every kind of answer is shown, and the pictures that its method `plot` draws."""
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from stochvi.mathematics.units import LENGTH, SPEED, TIME
 from stochvi.results.base import ROTATIONS
 from stochvi.results.errors import StochviError
-from stochvi.views.absorbers import draw_design, draw_levels, plot_absorber_sine
 from stochvi.views.axes import (
     COLOURS,
     GRID_COLOUR,
@@ -25,43 +25,27 @@ from stochvi.views.axes import (
     seconds_of,
     thinned,
 )
-from stochvi.views.density import plot_first_passage
-from stochvi.views.isolator_tables import (
-    plot_damage_sizing,
-    plot_mission_sizing,
-    plot_pairs_risk,
-    plot_production,
-)
-from stochvi.views.sine import (
-    draw_bifurcation,
-    plot_basins,
-    plot_lifetimes,
-    plot_sine,
-    plot_stability,
-)
-from stochvi.views.sizing import plot_risk, plot_screening
+from stochvi.views.isolator_tables import plot_pairs_risk
+from stochvi.views.sizing import plot_risk
 from stochvi.views.statistics import (
     draw_impacts,
     draw_spectrum,
-    plot_bumper_map,
-    plot_chances,
     plot_curve,
-    plot_damage,
     plot_histogram,
 )
 from stochvi.views.tables import value_with_error
 from stochvi.views.verification import (
     WORK_TITLES,
-    draw_scores,
     draw_work_precision,
     plot_clearances,
     plot_history,
-    plot_identification,
     plot_work_precision,
 )
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
+    from rich.console import Console
 
     from stochvi.isolators.jolt_response import Jolts
     from stochvi.isolators.sizing.answer import Sizing
@@ -92,10 +76,8 @@ def plot(found: Result, ax: Axes | None = None) -> Axes:
 
     Where a figure has several panels, `ax` gets the first of them.
     """
-    for kind in type(found).__mro__:
-        if kind.__name__ in PICTURES:
-            return PICTURES[kind.__name__](found, ax)
-    raise NotImplementedError(f"there is no picture of {type(found).__name__}; use to_frame()")
+    drawn: Axes = _named(view_of(found).plot)(found, ax)
+    return drawn
 
 
 def plot_response(found: Response, ax: Axes | None = None) -> Axes:
@@ -398,39 +380,168 @@ def plot_sizing(sizing: Sizing, ax: Axes | None = None) -> Axes:
     return (plot_pairs_risk if sizing.several else plot_risk)(sizing, ax)
 
 
-PICTURES: dict[str, Callable[[Any, Axes | None], Axes]] = {
-    "AbsorberReport": draw_levels,
-    "AbsorberSine": plot_absorber_sine,
-    "Basins": plot_basins,
-    "Bifurcation": draw_bifurcation,
-    "BumperMap": plot_bumper_map,
-    "Check": plot_check,
-    "Checks": draw_scores,
-    "Damage": plot_damage,
-    "DamageSizing": plot_damage_sizing,
-    "Design": draw_design,
-    "Explanation": plot_explanation,
-    "FirstPassage": plot_first_passage,
-    "HarmonicResponse": plot_sine,
-    "History": plot_motion,
-    "Identification": plot_identification,
-    "ImpactStatistics": plot_impacts,
-    "Jolts": plot_jolts,
-    "Judgement": plot_judgement,
-    "LifeTimes": plot_lifetimes,
-    "MissionSizing": plot_mission_sizing,
-    "Production": plot_production,
-    "Reliability": plot_chances,
-    "Replay": plot_replay,
-    "Response": plot_response,
-    "ResponseSpectrum": plot_spectrum,
-    "Screening": plot_screening,
-    "Sizing": plot_sizing,
-    "Stability": plot_stability,
-    "Transient": plot_transient,
-    "WorkPrecision": plot_cost,
+class View(NamedTuple):
+    """How an answer of a class is shown, by names of functions of this room as "file:name".
+
+    They are imported when they are needed.
+    """
+
+    plot: str
+    """The picture that `plot` draws, of the answer and Axes or None."""
+    told: str = ""
+    """What prints it on a console; empty for an answer of no command."""
+    file: str = ""
+    """Name of its table and picture in a folder, without their endings; empty for neither."""
+    drawn: str | None = ""
+    """The picture in a folder, where it is another one; None for no picture."""
+    titled: bool = False
+    """Whether that picture bears the title of the scene."""
+    has_picture: Callable[[Any], bool] = lambda found: True
+    """Whether this answer has something to draw."""
+    tables: Callable[[Any], dict[str, pd.DataFrame]] = lambda found: {}
+    """Other tables by their files."""
+
+    def files(self, found: Any) -> dict[str, pd.DataFrame]:
+        """All tables of an answer by their files."""
+        return ({self.file: found.to_frame()} if self.file else {}) | self.tables(found)
+
+    def tell(self, console: Console, found: Any, **words: Any) -> None:
+        """Print an answer; `words` are for its printer alone."""
+        _named(self.told)(console, found, **words)
+
+    def draw(self, found: Any, title: str) -> Axes:
+        """The picture of an answer in a folder, under the title of its scene."""
+        drawn: Axes = _named(self.drawn or self.plot)(found, *[title] * self.titled)
+        return drawn
+
+
+def view_of(found: Any) -> View:
+    """How an answer is shown, by its class or one that it derives from."""
+    for kind in type(found).__mro__:
+        if kind.__name__ in VIEWS:
+            return VIEWS[kind.__name__]
+    raise NotImplementedError(f"there is no picture of {type(found).__name__}; use to_frame()")
+
+
+def _named(place: str) -> Any:
+    """The function of this room that "file:name" names."""
+    file, _, name = place.partition(":")
+    return getattr(import_module(f"stochvi.views.{file}"), name)
+
+
+VIEWS = {
+    "AbsorberReport": View("absorbers:draw_levels", "absorbers:print_absorber", "absorber"),
+    "AbsorberSine": View(
+        "absorbers:plot_absorber_sine",
+        "absorbers:print_absorber_sine",
+        "absorber-sine",
+        "absorbers:draw_absorber_sine",
+    ),
+    "Basins": View("sine:plot_basins", "sine:print_basins", "basins"),
+    "Bifurcation": View("sine:draw_bifurcation", "sine:print_bifurcation", "bifurcation"),
+    "BumperMap": View(
+        "statistics:plot_bumper_map",
+        "statistics:print_bumper_map",
+        "map",
+        "statistics:draw_bumper_map",
+        titled=True,
+    ),
+    "Check": View("pictures:plot_check", "verification:print_check", "check", None),
+    "Checks": View("verification:draw_scores", "verification:print_checks", "check", None),
+    "Damage": View(
+        "statistics:plot_damage",
+        "statistics:print_damage",
+        "damage",
+        "statistics:draw_damage",
+        titled=True,
+        tables=lambda found: {} if found.test is None else {"profile": found.test.to_frame()},
+    ),
+    "DamageSizing": View(
+        "isolator_tables:plot_damage_sizing", "isolator_tables:print_damage_sizing", "damage"
+    ),
+    "Design": View(
+        "absorbers:draw_design",
+        "absorbers:print_design",
+        "absorber-design",
+        tables=lambda found: {"absorber-design": found.curve},
+    ),
+    "Explanation": View(
+        "pictures:plot_explanation", "verification:print_explanation", "methods", None
+    ),
+    "FirstPassage": View(
+        "density:plot_first_passage", "tables:print_first_passage", "first_passage", None
+    ),
+    "HarmonicResponse": View("sine:plot_sine", "sine:print_sine", "sine", "sine:draw_sine"),
+    "History": View(
+        "pictures:plot_motion",
+        "density:print_history",
+        "history",
+        None,
+        tables=lambda found: {"impacts": found.impacts},
+    ),
+    "Identification": View(
+        "verification:plot_identification",
+        "verification:print_identification",
+        "identify",
+        tables=lambda found: {"curve": found.curve},
+    ),
+    "ImpactStatistics": View(
+        "pictures:plot_impacts",
+        "statistics:print_impacts",
+        "impacts",
+        "statistics:draw_impacts",
+        titled=True,
+        tables=lambda found: {"histograms": found.histograms()},
+        has_picture=lambda found: any(pair.speeds is not None for pair in found.pairs.values()),
+    ),
+    "Jolts": View("pictures:plot_jolts", "isolator_tables:print_jolts", "jolts", None),
+    "Judgement": View("pictures:plot_judgement", "verification:print_judgement", "judge", None),
+    "LifeTimes": View("sine:plot_lifetimes", "sine:print_lifetimes", "lifetimes"),
+    "MissionSizing": View(
+        "isolator_tables:plot_mission_sizing", "isolator_tables:print_mission_sizing", "phases"
+    ),
+    "Production": View("isolator_tables:plot_production", "isolator_tables:print_production"),
+    "Reliability": View(
+        "statistics:plot_chances", "statistics:print_reliability", "reliability", None
+    ),
+    "Replay": View(
+        "pictures:plot_replay",
+        "verification:print_replay",
+        "replay",
+        "verification:draw_replay",
+        titled=True,
+        has_picture=lambda found: found.only is None or found.histories is not None,
+        tables=lambda found: (
+            {"impacts": found.impacts}
+            | ({} if found.histories is None else {"histories": found.histories.to_frame()})
+        ),
+    ),
+    "Response": View("pictures:plot_response", "tables:print_response", "response", None),
+    "ResponseSpectrum": View(
+        "pictures:plot_spectrum",
+        "statistics:print_spectrum",
+        "spectrum",
+        "statistics:draw_spectrum",
+        titled=True,
+    ),
+    "Screening": View(
+        "sizing:plot_screening",
+        "isolator_tables:print_screening",
+        "screening",
+        has_picture=lambda found: bool(found.impact_pairs),
+    ),
+    "Sizing": View("pictures:plot_sizing", "isolator_tables:print_sizing"),
+    "Stability": View("sine:plot_stability", "sine:print_stability", "stability"),
+    "Transient": View("pictures:plot_transient"),
+    "WorkPrecision": View(
+        "pictures:plot_cost",
+        "verification:print_cost",
+        "cost",
+        "verification:draw_work_precision",
+        titled=True,
+    ),
 }
-"""The picture of each kind of answer, by the name of its class: views do not import answers."""
+"""How each kind of answer is shown, by the name of its class: views do not import answers."""
 
 
 def _list(ax: Axes | None, rows: int) -> Axes:
