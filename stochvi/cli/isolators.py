@@ -297,12 +297,13 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
 def size(question: Question) -> Show:
     """Find the clearance that keeps a stated risk.
 
-    --probability P (chance)  Target: probability of any impact in the mission, 0.01 or 1%.
+    --probability P (probability)  Target: probability of any impact in the mission, 0.01 or 1%.
     --rate F (rate)  Target: rate of impacts on all stops, 2 (1/s) or 0.1/h.
     --impact-speed V (speed)  Target: largest impact speed of the mission, m/s.
     --peak-acceleration A[g]  Target: largest absolute acceleration during an impact in the mission,
         m/s^2 or g (80g).
-    --exceedance P (chance) = 0.01  Accepted probability that a speed or acceleration is exceeded.
+    --exceedance P (probability) = 0.01  Accepted probability that a speed or acceleration is
+        exceeded.
     --mission TIME (time)  Time of exposure: 3600 (s), 30min, 10h [1h, of a phase its duration; left
         out where the scene has phases].
     --at NAME  Coordinate or named point of that acceleration; default: all of them.

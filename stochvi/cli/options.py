@@ -325,7 +325,7 @@ TIME, SPEED, CHANCE, RATE = Quantity("time"), Quantity("speed"), Chance(), Rate(
 FREQUENCY = Quantity("frequency")
 
 KINDS = {
-    "int": int, "float": float, "text": str, "time": TIME, "speed": SPEED, "chance": CHANCE,
+    "int": int, "float": float, "text": str, "time": TIME, "speed": SPEED, "probability": CHANCE,
     "rate": RATE, "frequency": FREQUENCY, "force": Quantity("force"), "length": Quantity("length"),
     "units": Units(), "formats": Formats(), "folder": Folder(path_type=Path),
     "path": click.Path(path_type=Path),
@@ -377,8 +377,9 @@ def _option(line: str, words: str) -> Callable[[Any], Any]:
     name, choices, metavar, argument, kinds, equals, default = match.groups()
     of = set() if kinds is None else set(kinds.split(", "))
     needed, many = "needed" in of, "many" in of
-    kind = click.Choice(choices.split("|")) if choices else None
-    kind = kind or next((KINDS[each] for each in of - {"needed", "many"}), str)  # type: ignore[assignment]
+    kind: Any = next((KINDS[each] for each in of - {"needed", "many"}), str)
+    if choices:
+        kind = click.Choice(choices.split("|"))
     more: dict[str, Any] = {"type": kind, "metavar": metavar, "required": needed, "multiple": many}
     if not (choices or metavar or kinds):
         more = {"is_flag": True}

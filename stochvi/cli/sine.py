@@ -170,11 +170,11 @@ def sweep(
         impact_pair.0.clearance=3mm:6mm:4. Several --vary: all combinations.
     --method simulate|exact|closure|fokker-planck|average|size|reliability|replay = simulate  Method
         that is applied to each scene.
-    --probability P (chance)  size: probability of any impact, 0.01 or 1%.
+    --probability P (probability)  size: probability of any impact, 0.01 or 1%.
     --rate F (rate)  size: impacts on all stops, 2 (1/s), 0.1/h.
     --impact-speed V (speed)  size, reliability: limit, m/s.
     --peak-acceleration A[g]  size, reliability: limit, m/s^2 or g (40g).
-    --exceedance P (chance)  size: probability of exceeding the limit [0.01].
+    --exceedance P (probability)  size: probability of exceeding the limit [0.01].
     --mission TIME (time)  size [1h], reliability: 3600 (s), 10h.
     --rel-error (float)  Relative standard error: of means [0.01], of the risk [0.05].
     --paths (int)  Number of paths, instead of a relative error.
