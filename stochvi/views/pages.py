@@ -212,6 +212,8 @@ class Told:
         The parts that hold the evidence.
     warnings
         Sentences that a reader must know before believing any number.
+    assumptions
+        What the answer rests on; a page names it under its limits.
     footer
         Lines that close it.
     """
@@ -221,19 +223,23 @@ class Told:
     statements: Sequence[str] = ()
     sections: Sequence[Section] = ()
     warnings: Sequence[str] = ()
+    assumptions: Sequence[str] = ()
     footer: Sequence[str] = ()
 
 
 def told_of(
-    found: Result, grids: Sequence[Grid], notes: Sequence[str] = (), footer: Sequence[str] = ()
-) -> Told:
-    """The summary of an answer over its tables and notes, with its warnings."""
-    return Told(
-        verdict=found.summary(),
-        sections=[Section(grids=grids, notes=notes)],
-        footer=footer,
-        warnings=found.warnings,
-    )
+    found: Result, grids: Sequence[Grid] = (), notes: Sequence[str] = (), *sections: Section,
+    **more: Any,
+) -> Told:  # fmt: skip
+    """The summary of an answer over its tables and notes and more sections, with its assumptions
+    and warnings; `more` are other parts of the description, or other ones."""
+    own: dict[str, Any] = {
+        "verdict": found.summary(),
+        "sections": [Section(grids=grids, notes=notes), *sections],
+        "assumptions": getattr(found, "assumptions", ()),
+        "warnings": found.warnings,
+    }
+    return Told(**own | more)
 
 
 def assumed(assumptions: Sequence[str]) -> list[str]:
@@ -262,7 +268,7 @@ def print_told(console: Console, told: Told) -> None:
             _print_grid(console, grid)
         for note in section.notes:
             print_line(console, note)
-    for line in told.footer:
+    for line in [*assumed(told.assumptions), *told.footer]:
         print_line(console, line)
     for warning in told.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False, markup=False)
@@ -327,13 +333,19 @@ class Page(Told):
 
 def page_of(
     told: Told, title: str, subtitle: str, cards: Sequence[Fact], origin: Origin,
-    sections: Sequence[Section] = (),
+    sections: Sequence[Section] = (), limits: Sequence[str] = (), footer: Sequence[str] = (),
 ) -> Page:  # fmt: skip
-    """The page of a description, with more sections behind its own."""
+    """The page of a description, with more sections, limits and lines behind its own."""
+    bounds = Section(
+        title="Limits",
+        lead="Assumptions of this report, and its limits.",
+        notes=[sentence(text) for text in (*told.assumptions, *limits)],
+    )
     own = vars(told) | {
         "verdict": sentence(told.verdict),
-        "statements": [*map(sentence, told.statements)],
-        "sections": [*told.sections, *sections],
+        "statements": [sentence(line) for line in told.statements],
+        "sections": [*told.sections, *sections, bounds],
+        "footer": [*told.footer, *footer],
     }
     return Page(title=title, subtitle=subtitle, cards=cards, origin=origin, **own)
 

@@ -54,7 +54,6 @@ from stochvi.views.pages import (
     Grid,
     Section,
     Told,
-    assumed,
     print_told,
     printed,
     shown,
@@ -289,15 +288,8 @@ def damage_told(found: Damage) -> Told:
     )
     hertz: dict[str, Callable[[int], object]] = {"Hz": lambda k: found.equipment_frequency_hz[k]}
     rows = [(k,) for k in _spread(len(found.equipment_frequency_hz), ROWS)]
-    sections = [Section(grids=Grid.by(title, hertz | shown, rows, 0), notes=hits_in_words(found))]
-    if found.test is not None:
-        sections.append(_test_section(found, found.test))
-    return Told(
-        verdict=found.summary(),
-        sections=sections,
-        footer=assumed(found.assumptions),
-        warnings=found.warnings,
-    )
+    test = [] if found.test is None else [_test_section(found, found.test)]
+    return told_of(found, Grid.by(title, hertz | shown, rows, 0), hits_in_words(found), *test)
 
 
 print_damage = printed(damage_told)
@@ -519,7 +511,7 @@ def bumper_map_told(found: BumperMap) -> Told:
     return told_of(
         found,
         Grid.by(f"exceeded in {_risk(found)}{more}", shown, at, 0),
-        footer=[*assumed(found.assumptions), cost],
+        footer=[cost],
     )
 
 
@@ -649,7 +641,6 @@ def spectrum_told(found: ResponseSpectrum) -> Told:
         found,
         [Grid.of(title, found.peaks(), ("of", "quantity", "unit"))],
         [f"{name}: {meaning}" for name, meaning in found.meanings.items()],
-        assumed(found.assumptions),
     )
 
 
@@ -660,7 +651,6 @@ def impacts_told(found: ImpactStatistics, mission: float | None = None) -> Told:
         found,
         [Grid.of(title, found.to_table(), ("of", "quantity", "by", "unit"))],
         [] if mission is None else [_in_mission(found, mission)],
-        assumed(found.assumptions),
     )
 
 
@@ -788,13 +778,13 @@ def reliability_told(found: Reliability) -> Told:
         pictures=[picture] if chances else [],
         notes=[f"{event_in_words(each)}: {each.why}" for each in chances],
     )
-    return Told(
+    return told_of(
+        found,
         verdict=f"Probability in {mission} of {'; of '.join(told)}.",
         alarm=bool(found.missing),
         statements=[] if found.hits is None else hits,
         sections=[probabilities],
-        warnings=found.warnings,
-        footer=[*assumed(found.assumptions), f"cost: {found.cost.wall_time:.3g} s"],
+        footer=[f"cost: {found.cost.wall_time:.3g} s on {found.cost.threads} threads"],
     )
 
 

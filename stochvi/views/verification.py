@@ -56,7 +56,7 @@ from stochvi.views.axes import (
     seconds_of,
     thinned,
 )
-from stochvi.views.pages import Grid, Section, Told, print_told, printed
+from stochvi.views.pages import Grid, Section, Told, print_told, printed, told_of
 from stochvi.views.tables import (
     NO_VALUE,
     QUANTITY_NAMES,
@@ -221,10 +221,11 @@ def check_told(verdict: Check) -> Told:
         for reason in verdict.left_out
         if reason != verdict.summary()
     ]
-    return Told(
-        verdict=verdict.summary(),
+    return told_of(
+        verdict,
+        [*chain(*grids), *_approximations(verdict)],
+        notes,
         alarm=not verdict.passed,
-        sections=[Section(grids=[*chain(*grids), *_approximations(verdict)], notes=notes)],
         warnings=[each for response in verdict.responses[:1] for each in response.warnings],
     )
 
@@ -242,11 +243,7 @@ def checks_told(verdict: Checks) -> Told:
         f"{row.reference} {row.reference_value:.6g}, allowed {row.tolerance:.1e}"
         for name, row in verdict.alarms
     ]
-    return Told(
-        verdict=verdict.summary(),
-        alarm=not verdict.passed,
-        sections=[Section(grids=[replace(table, alarms=alarms)], notes=notes)],
-    )
+    return told_of(verdict, [replace(table, alarms=alarms)], notes, alarm=not verdict.passed)
 
 
 print_check, print_checks = printed(check_told), printed(checks_told)
@@ -268,19 +265,14 @@ def judgement_told(verdict: Judgement) -> Told:
         words=("quantity", "verdict"),
         alarms=[k for k, row in enumerate(verdict.findings) if row in verdict.failures],
     )
-    return Told(
-        verdict=verdict.summary(),
+    notes = [f"left out: {reason}" for reason in verdict.left_out]
+    notes += [f"looks like: {hint}" for hint in verdict.hints]
+    return told_of(
+        verdict,
+        [table],
+        notes,
         alarm=not verdict.passed,
         statements=[verdict.read_as] if verdict.read_as else [],
-        sections=[
-            Section(
-                grids=[table],
-                notes=[
-                    *(f"left out: {reason}" for reason in verdict.left_out),
-                    *(f"looks like: {hint}" for hint in verdict.hints),
-                ],
-            )
-        ],
     )
 
 
@@ -472,18 +464,16 @@ def cost_told(found: WorkPrecision) -> Told:
             "these are true errors; the interval that simulate states is wider, as it holds what "
             "simulate knows of its own bias"
         )
-    return Told(
-        verdict=found.summary(),
-        sections=[
-            Section(
-                grids=[
-                    *Grid.across("bias of the step (%)", "quantity", bias),
-                    *Grid.across("standard error of one CPU second (%)", "quantity", noise),
-                ]
-            ),
-            _prices(found),
-            _models(found),
-        ],
+    tables = [
+        *Grid.across("bias of the step (%)", "quantity", bias),
+        *Grid.across("standard error of one CPU second (%)", "quantity", noise),
+    ]
+    return told_of(
+        found,
+        tables,
+        (),
+        _prices(found),
+        _models(found),
         footer=footer,
         warnings=found.left_out,
     )
@@ -598,13 +588,7 @@ def identification_told(found: Identification) -> Told:
     for name, each in found.of_test.items():
         quantity = shown_as(found.test.start[name][1])
         of_test.append(f"{name}: {value_with_error(quantity(each))} {quantity}")
-    return Told(
-        verdict=found.summary(),
-        statements=[found.line],
-        sections=[Section(grids=table, notes=of_test)],
-        footer=[f"assumed: {assumption}" for assumption in found.assumptions],
-        warnings=found.warnings,
-    )
+    return told_of(found, table, of_test, statements=[found.line])
 
 
 print_identification = printed(identification_told)
@@ -712,8 +696,10 @@ ROWS = {
 
 def replay_told(found: Replay, record: RecordVerdict | None) -> Told:
     """The clearance that the record itself needs, where it is known, and the motion and impacts."""
-    return Told(
-        verdict="; ".join([*([] if record is None else [record.needs()]), found.summary()]),
+    needed = [] if record is None else [record.needs()]
+    return told_of(
+        found,
+        verdict="; ".join([*needed, found.summary()]),
         alarm=any(
             float(pair.hits) > 0.0
             for each in found.clearances
@@ -726,8 +712,10 @@ def replay_told(found: Replay, record: RecordVerdict | None) -> Told:
                 grids=[_replay_grid(found)],
             )
         ],
-        footer=[*found.assumptions, f"cost: {found.cost.wall_time:.3g} s"],
-        warnings=found.warnings,
+        assumptions=[
+            f"{text[:1].lower()}{text[1:].removesuffix('.')}" for text in found.assumptions
+        ],
+        footer=[f"cost: {found.cost.wall_time:.3g} s"],
     )
 
 

@@ -33,7 +33,17 @@ from stochvi.views.isolator_tables import (
     plot_damage_sizing,
     plot_mission_sizing,
 )
-from stochvi.views.pages import Fact, Grid, Page, Picture, Section, sentence, shown, write_page
+from stochvi.views.pages import (
+    Fact,
+    Grid,
+    Page,
+    Picture,
+    Section,
+    page_of,
+    sentence,
+    shown,
+    write_page,
+)
 from stochvi.views.report.sections import (
     excitation_facts,
     production_section,
@@ -333,41 +343,23 @@ def reliability_page(
 ) -> Page:  # fmt: skip
     """The page of the probabilities of a mission."""
     told, mission = reliability_told(found), spoken_mission(found.mission)
-    doubtful = record is not None and not record.agrees
-    first = f"{record.sentence()}. " if record is not None and doubtful else ""
-    noise = "; for Gaussian noise alone" if doubtful else ""
-    assumed = [sentence(text) for text in found.assumptions]
-    return Page(
-        title=scene.title or "Reliability of a mission",
-        subtitle=f"Probabilities in a mission of {mission}, from {STARTS[found.start]}",
-        verdict=f"{first}{told.verdict}",
-        alarm=doubtful or told.alarm,
-        statements=told.statements,
-        cards=[
-            *(record_cards(record) if doubtful else []),
-            *(
-                Fact(
-                    f"Probability of {event_in_words(each)}", chance_of(each),
-                    f"{interval_of(each)}{noise}",
-                )
-                for each in found.chances.values()
-            ),
-            Fact("Expected impacts", hits_of_mission(found), f"in {mission}"),
-        ],
-        warnings=told.warnings,
-        sections=[
-            *told.sections,
-            production_section(production),
-            _scene_section(scene, hung),
-            Section(
-                title="Limits",
-                lead="Assumptions of this report.",
-                notes=[*assumed, *(OF_ONE_MOUNT if isinstance(scene.structure, Isolator) else ())],
-            ),
-        ],
-        origin=origin,
-        footer=[f"calculated in {found.cost.wall_time:.3g} s on {found.cost.threads} threads"],
-    )  # fmt: skip
+    noise, own = "", []
+    if record is not None and not record.agrees:
+        noise, own = "; for Gaussian noise alone", record_cards(record)
+        told = replace(told, verdict=f"{record.sentence()}. {told.verdict}", alarm=True)
+    cards = [
+        Fact(f"Probability of {event_in_words(c)}", chance_of(c), f"{interval_of(c)}{noise}")
+        for c in found.chances.values()
+    ]
+    return page_of(
+        told,
+        scene.title or "Reliability of a mission",
+        f"Probabilities in a mission of {mission}, from {STARTS[found.start]}",
+        [*own, *cards, Fact("Expected impacts", hits_of_mission(found), f"in {mission}")],
+        origin,
+        [production_section(production), _scene_section(scene, hung)],
+        OF_ONE_MOUNT if isinstance(scene.structure, Isolator) else (),
+    )
 
 
 def _scene_section(scene: Scene, hung: SceneAtRest) -> Section:
@@ -438,29 +430,21 @@ def replay_page(
     """The page of the motion of a structure between its stops under a record."""
     told = replay_told(found, record)
     (motion,) = told.sections
-    return Page(
-        title=scene.title or "Replay of a record",
-        subtitle=f"The record itself through the structure and its stops, {found.duration:.4g} s",
-        verdict=sentence(told.verdict),
-        statements=[] if record is None else [sentence(record.sentence())],
-        alarm=told.alarm,
-        cards=[*record_cards(record), *_replay_cards(found)],
-        warnings=told.warnings,
-        sections=[
-            replace(motion, pictures=_replay_pictures(found, scene)),
-            _scene_section(scene, hung),
-            Section(
-                title="Limits",
-                lead="Assumptions of this report.",
-                notes=[
-                    *map(sentence, found.assumptions),
-                    "Another record of the same kind does something else: the peaks of one record "
-                    "are no probability.",
-                ],
-            ),
-        ],
-        origin=origin,
-        footer=[f"calculated in {found.cost.wall_time:.3g} s"],
+    told = replace(told, sections=[replace(motion, pictures=_replay_pictures(found, scene))])
+    if record is not None:
+        told = replace(told, statements=[record.sentence()])
+    other = (
+        "Another record of the same kind does something else: the peaks of one record are no "
+        "probability"
+    )
+    return page_of(
+        told,
+        scene.title or "Replay of a record",
+        f"The record itself through the structure and its stops, {found.duration:.4g} s",
+        [*record_cards(record), *_replay_cards(found)],
+        origin,
+        [_scene_section(scene, hung)],
+        [other],
     )
 
 
