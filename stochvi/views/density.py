@@ -14,7 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from stochvi.mathematics.impact_rates import corner_exponent, normal_density
 from stochvi.mathematics.numerics import Vector
-from stochvi.mathematics.units import ACCELERATION, RATE, SI_ACCELERATION, SPEED, TIME, shown_as
+from stochvi.mathematics.units import (
+    ACCELERATION,
+    METRES,
+    RATE,
+    SI_ACCELERATION,
+    SPEED,
+    TIME,
+    shown_as,
+)
 from stochvi.results.base import ROTATIONS, Response, in_angles
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Restitution
@@ -33,6 +41,7 @@ from stochvi.views.axes import (
 )
 from stochvi.views.files import write_bytes
 from stochvi.views.pages import Grid, Told, printed, told_of
+from stochvi.views.tables import effects_in_words, relative_bias, value_with_error
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -57,6 +66,36 @@ MANY_TIMES = 15
 
 FAINTEST = 1e-8
 """Smallest probability that a picture shows, relative to its largest."""
+
+
+def first_passage_told(found: FirstPassage) -> Told:
+    """P(first passage before t) at each time, then its mean time and rates."""
+    table = Grid.by(
+        "P(first passage before t)",
+        {
+            f"t ({TIME})": lambda moment, _: f"{TIME(moment):g}",
+            "probability": lambda _, chance: value_with_error(chance, with_bias=False),
+            "rel. bias": lambda _, chance: relative_bias(chance),
+        },
+        zip(found.times, found.probability, strict=True),
+        words=0,
+    )
+    ends = [METRES.text(x, "g") for x in (found.lower, found.upper) if x is not None]
+    rates = [
+        f"mean time to the first passage {value_with_error(TIME(found.mean_time))} {TIME}",
+        f"rate in the end {value_with_error(RATE(found.decay_rate))} {RATE}",
+    ]
+    if found.rice_rate is not None:
+        rates.append(f"Rice {RATE.text(found.rice_rate.value)}")
+    notes = [
+        f"barriers at {' and '.join(ends)}; start: {found.start}",
+        f"simulated effects: {effects_in_words(found.effects)}",
+    ]
+    cost = [f"cost: {found.cost.wall_time:.3g} s"]
+    return told_of(found, table, notes, verdict="; ".join(rates), footer=cost)
+
+
+print_first_passage = printed(first_passage_told)
 
 
 def plot_first_passage(found: FirstPassage, ax: Axes | None = None) -> Axes:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from stochvi.mathematics.units import LENGTH, SPEED, TIME
-from stochvi.results.base import ROTATIONS
+from stochvi.mathematics.units import LENGTH, SPEED, TIME, shown_as
+from stochvi.results.base import ROTATIONS, unit_of
 from stochvi.results.errors import StochviError
 from stochvi.views.axes import (
     COLOURS,
@@ -26,6 +27,7 @@ from stochvi.views.axes import (
     thinned,
 )
 from stochvi.views.isolator_tables import plot_pairs_risk
+from stochvi.views.pages import Grid, Told, printed, told_of
 from stochvi.views.sizing import plot_risk
 from stochvi.views.statistics import (
     draw_impacts,
@@ -33,7 +35,15 @@ from stochvi.views.statistics import (
     plot_curve,
     plot_histogram,
 )
-from stochvi.views.tables import value_with_error
+from stochvi.views.tables import (
+    NEGLIGIBLE,
+    QUANTITY_NAMES,
+    effects_in_words,
+    relative_bias,
+    relative_error,
+    relative_half_width,
+    value_with_error,
+)
 from stochvi.views.verification import (
     WORK_TITLES,
     draw_work_precision,
@@ -78,6 +88,72 @@ def plot(found: Result, ax: Axes | None = None) -> Axes:
     """
     drawn: Axes = _named(view_of(found).plot)(found, ax)
     return drawn
+
+
+def response_told(response: Response) -> Told:
+    """Every quantity with its errors, then balances, effects, assumptions and cost."""
+    estimates = response.estimates()
+    # means are compared to the smallest standard deviation of a coordinate
+    spreads = [each.value for (_, name), each in estimates.items() if name == "displacement_std"]
+    rows = []
+    for (owner, name), estimate in estimates.items():
+        quantity = shown_as(unit_of(owner, name))
+        mean = name == "displacement_mean"
+        scale = quantity(min(spreads)) if mean and spreads else 0.0
+        if abs(quantity(estimate).value) < NEGLIGIBLE * scale:  # nothing is relative to 0
+            estimate = replace(estimate, value=0.0)
+        row = [
+            owner, QUANTITY_NAMES.get(name, name),
+            value_with_error(quantity(estimate), scale, with_bias=False), str(quantity),
+            relative_error(estimate.standard_error, estimate),
+            "unknown" if estimate.bias is None else relative_bias(estimate),
+            relative_half_width(estimate),
+        ]  # fmt: skip
+        rows.append(row)
+    table = Grid(
+        caption=response.method,
+        headings=["of", "quantity", "value", "unit", "rel. error", "rel. bias", "95 % within"],
+        rows=rows,
+        words=("of", "quantity", "unit"),
+    )
+    balances = ", ".join(
+        f"{name} {value_with_error(each) if each.standard_error else f'{each.value:.0e}'}"
+        for name, each in response.identities.items()
+    )
+    notes = [f"{NO_BOUND}{reason}" for reason in _without_bound(response)]
+    notes += [f"balances, relative to their largest term: {balances}"] if balances else []
+    notes.append(f"simulated effects: {effects_in_words(response.effects)}")
+    cost = response.cost
+    price = f"cost: {cost.wall_time:.3g} s"
+    if cost.steps:
+        price += (
+            f" on {cost.threads} threads (compilation {cost.compile_time:.2g} s apart), "
+            f"{cost.steps:.3g} steps, {cost.impacts:.3g} impacts, {cost.paths} paths"
+        )
+    if cost.tenfold_wall_time is not None:
+        price += f"; a tenth of the errors: about {cost.tenfold_wall_time:.2g} s"
+    return told_of(response, [table], notes, verdict="", footer=[price])
+
+
+print_response = printed(response_told)
+
+
+NO_BOUND = "no error bound: "
+"""Words in `Estimate.how` that precede the reason why an approximation has no error bound."""
+
+
+def _without_bound(response: Response) -> list[str]:
+    """The reasons why numbers that were not sampled have no error bound."""
+    unbounded = [
+        each.how
+        for each in response.estimates().values()
+        if each.bias is None and each.standard_error == 0.0 and each.upper_95 is None
+    ]
+    reasons = [
+        how.partition(NO_BOUND)[2] or f"the error of {how.partition(';')[0]} is not known here"
+        for how in unbounded
+    ]
+    return list(dict.fromkeys(reasons))
 
 
 def plot_response(found: Response, ax: Axes | None = None) -> Axes:
@@ -469,7 +545,7 @@ VIEWS = {
         "pictures:plot_explanation", "verification:print_explanation", "methods", None
     ),
     "FirstPassage": View(
-        "density:plot_first_passage", "tables:print_first_passage", "first_passage", None
+        "density:plot_first_passage", "density:print_first_passage", "first_passage", None
     ),
     "HarmonicResponse": View("sine:plot_sine", "sine:print_sine", "sine", "sine:draw_sine"),
     "History": View(
@@ -516,7 +592,7 @@ VIEWS = {
             | ({} if found.histories is None else {"histories": found.histories.to_frame()})
         ),
     ),
-    "Response": View("pictures:plot_response", "tables:print_response", "response", None),
+    "Response": View("pictures:plot_response", "pictures:print_response", "response", None),
     "ResponseSpectrum": View(
         "pictures:plot_spectrum",
         "statistics:print_spectrum",

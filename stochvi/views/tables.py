@@ -6,7 +6,6 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -15,22 +14,18 @@ from rich.table import Table
 
 from stochvi.mathematics.units import (
     LENGTH,
-    METRES,
     NUMBER,
-    RATE,
-    TIME,
     ShownQuantity,
     shown_as,
     spoken_mission,
 )
-from stochvi.results.base import RESPONSE_QUANTITIES, Response, unit_of
+from stochvi.results.base import RESPONSE_QUANTITIES, Response
 from stochvi.results.estimates import Estimate, format_with_error, spoken_percent
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from stochvi.isolators.sizing.answer import Sizing
-    from stochvi.methods.fokker_planck import FirstPassage
 
 QUANTITY_NAMES = {name: each.words for name, each in RESPONSE_QUANTITIES.items()}
 """Short names of quantities in tables; w is the speed of an impact. The standard deviation of a
@@ -74,93 +69,6 @@ def effects_in_words(effects: Sequence[str]) -> str:
         elif (together := f"{count[kind]} {kind}s") not in named:
             named.append(together)
     return "; ".join(named)
-
-
-def print_response(console: Console, response: Response) -> None:
-    """Print every quantity with its errors, then effects, assumptions, cost and warnings."""
-    table = new_table(
-        response.method,
-        ["of", "quantity", "value", "unit", "rel. error", "rel. bias", "95 % within"],
-    )
-    deviation = _deviation(response)
-    for (owner, name), estimate in response.estimates().items():
-        quantity = shown_as(unit_of(owner, name))
-        scale = quantity(deviation) if name == "displacement_mean" else 0.0
-        if abs(quantity(estimate).value) < NEGLIGIBLE * scale:  # nothing is relative to 0
-            estimate = replace(estimate, value=0.0)
-        table.add_row(
-            owner,
-            QUANTITY_NAMES.get(name, name),
-            value_with_error(quantity(estimate), scale, with_bias=False),
-            str(quantity),
-            relative_error(estimate.standard_error, estimate),
-            "unknown" if estimate.bias is None else relative_bias(estimate),
-            relative_half_width(estimate),
-        )
-    print_table(console, table)
-    for reason in _without_bound(response):
-        print_line(console, f"{NO_BOUND}{reason}")
-    balances = [
-        f"{name} {value_with_error(residual)}"
-        if residual.standard_error
-        else f"{name} {residual.value:.0e}"
-        for name, residual in response.identities.items()
-    ]
-    if balances:
-        print_line(console, f"balances, relative to their largest term: {', '.join(balances)}")
-    print_line(console, f"simulated effects: {effects_in_words(response.effects)}")
-    print_assumptions(console, response.assumptions)
-    cost = response.cost
-    price = f"cost: {cost.wall_time:.3g} s"
-    if cost.steps:
-        price += (
-            f" on {cost.threads} threads (compilation {cost.compile_time:.2g} s apart), "
-            f"{cost.steps:.3g} steps, {cost.impacts:.3g} impacts, {cost.paths} paths"
-        )
-    if cost.tenfold_wall_time is not None:
-        price += f"; a tenth of the errors: about {cost.tenfold_wall_time:.2g} s"
-    print_line(console, price)
-    for warning in response.warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False)
-
-
-NO_BOUND = "no error bound: "
-"""Words in `Estimate.how` that precede the reason why an approximation has no error bound."""
-
-
-def _without_bound(response: Response) -> list[str]:
-    """The reasons why numbers that were not sampled have no error bound."""
-    unbounded = [
-        each.how
-        for each in response.estimates().values()
-        if each.bias is None and each.standard_error == 0.0 and each.upper_95 is None
-    ]
-    reasons = [
-        how.partition(NO_BOUND)[2] or f"the error of {how.partition(';')[0]} is not known here"
-        for how in unbounded
-    ]
-    return list(dict.fromkeys(reasons))
-
-
-def print_first_passage(console: Console, found: FirstPassage) -> None:
-    """P(first passage before t) at each time, then its mean time and rates."""
-    table = new_table("P(first passage before t)", [f"t ({TIME})", "probability", "rel. bias"])
-    for moment, estimate in zip(found.times, found.probability, strict=True):
-        value = value_with_error(estimate, with_bias=False)
-        table.add_row(f"{TIME(moment):g}", value, relative_bias(estimate))
-    print_table(console, table)
-    ends = [METRES.text(x, "g") for x in (found.lower, found.upper) if x is not None]
-    print_line(console, f"barriers at {' and '.join(ends)}; start: {found.start}")
-    rates = [
-        f"mean time to the first passage {value_with_error(TIME(found.mean_time))} {TIME}",
-        f"rate in the end {value_with_error(RATE(found.decay_rate))} {RATE}",
-    ]
-    if found.rice_rate is not None:
-        rates.append(f"Rice {RATE.text(found.rice_rate.value)}")
-    console.print("; ".join(rates), highlight=False)
-    print_line(console, f"simulated effects: {effects_in_words(found.effects)}")
-    print_assumptions(console, found.assumptions)
-    print_line(console, f"cost: {found.cost.wall_time:.3g} s")
 
 
 NO_VALUE = "-"
@@ -278,16 +186,6 @@ def print_assumptions(console: Console, sentences: Sequence[str]) -> None:
 
 def print_line(console: Console, line: str) -> None:
     console.print(line, style="dim", highlight=False, markup=False)
-
-
-def _deviation(response: Response) -> float:
-    """The smallest standard deviation of a coordinate, to which means are compared."""
-    found = [
-        estimate.value
-        for (_, name), estimate in response.estimates().items()
-        if name == "displacement_std"
-    ]
-    return min(found, default=0.0)
 
 
 def value_with_error(estimate: Estimate, scale: float = 0.0, *, with_bias: bool = True) -> str:

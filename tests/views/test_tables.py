@@ -14,7 +14,8 @@ from rich.console import Console
 from stochvi import Response, Scene, average, check, explain, fokker_planck, linearise, load_scene
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.views.axes import as_written
-from stochvi.views.tables import print_frame, print_response
+from stochvi.views.pictures import print_response
+from stochvi.views.tables import print_frame
 from stochvi.views.verification import print_check, print_explanation
 
 
