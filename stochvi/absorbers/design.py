@@ -114,6 +114,8 @@ class Design(Result):
     stochvi.absorbers.design_absorber : The calculation.
     """
 
+    kind = "absorber design"
+
     not_in_document = ("provenance",)
 
     scene: Scene
@@ -138,10 +140,6 @@ class Design(Result):
             f"{self.units} box(es) with a play of {METRES.text(self.best.play)} and restitution "
             f"{self.restitution:g}: {self.best.ratio.value:.3g} of the rms displacement without"
         )
-
-    def _document(self) -> dict[str, Any]:
-        found = super()._document()
-        return {"method": "absorber design", **found, "scene": self.scene.document()}
 
 
 @calculation
@@ -821,6 +819,8 @@ class AbsorberSine(Result):
     absorber_sine : Makes it from a scene.
     """
 
+    kind = "absorber sine"
+
     not_in_document = ("scene",)  # the provenance holds it
 
     scene: Scene
@@ -874,9 +874,6 @@ class AbsorberSine(Result):
             return f"no {name} is sure to help at {hertz}"
         best = quantity.text(curve.value[curve.tuned]).rstrip()
         return f"the best {name}, {best}, leaves {share:.3g} of the displacement at {hertz}"
-
-    def _document(self) -> dict[str, Any]:
-        return {"method": "absorber sine", **super()._document()}
 
 
 def tuned_key(key: str) -> tuple[str, ShownQuantity]:

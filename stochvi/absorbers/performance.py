@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 import scipy
@@ -416,6 +416,9 @@ class AbsorberReport(Result):
     stochvi.absorber : The calculation.
     """
 
+    kind = "absorber"
+    in_document: ClassVar = {"levels": "performances"}
+
     not_in_document = ("scene", "provenance")  # each response holds them
 
     scene: Scene
@@ -456,10 +459,6 @@ class AbsorberReport(Result):
         """The effect of the absorber at the level nearest to that of the scene, in words."""
         share = format_with_error(self.central.ratio.value, self.central.ratio.standard_error)
         return f"rms displacement of {self.carrier}: {share} of that without the absorber"
-
-    def _document(self) -> dict[str, Any]:
-        found = super()._document()
-        return {"method": "absorber", "levels": found.pop("performances"), **found}
 
 
 @calculation

@@ -8,12 +8,11 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from types import UnionType
-from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
+from typing import Any, ClassVar, Literal, NamedTuple, Union, get_args, get_origin
 
 import numpy as np
 import pandas as pd
 
-from stochvi.isolators.bumpers import MapPoint
 from stochvi.isolators.production_risk import Production
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
@@ -29,9 +28,7 @@ from stochvi.isolators.sizing.answer import (
 from stochvi.isolators.tolerances import Spread
 from stochvi.methods.periodic.resonance import HarmonicResonance
 from stochvi.methods.periodic.sine_response import Jump
-from stochvi.methods.replay.recorded_motion import CoordinateReplay, PairReplay
 from stochvi.results.base import COMMON, Quantities, Response, Result
-from stochvi.results.estimates import Estimate
 from stochvi.scenes.keys import DIALECT
 from stochvi.scenes.scene import Scene
 from stochvi.verification.cost import Prediction
@@ -120,19 +117,11 @@ ONE_OR_SEVERAL = Change(
 """Clearances of one pair, or of each of several."""
 
 CHANGES = {
-    "AbsorberReport": Change(METHOD, renamed={"performances": "levels"}),
-    "Basins": Change(METHOD),
-    "Bifurcation": Change(METHOD),
-    "AbsorberSine": Change(METHOD),
-    "Check": Change(JUDGED),
     "Checks": Change(
         JUDGED | {"summary": str, "alarms": ROWS, "scenes": Mapping[str, dict[str, Any]]},
         renamed=WARNINGS_ALONE | dict.fromkeys(("checks", "seeds")),
     ),
     "Chance": Change({"crude_seconds": float | None}),
-    "BumperMap": Change(
-        METHOD | {"feasible": np.ndarray, "exceeded": np.ndarray, "best": MapPoint | None}
-    ),
     "Damage": Change(
         METHOD | SPECTRA | LISTS | lists_with_errors("equivalent_density")
         | {"damage_ratio": LIST_OR_NONE, "without_stops": EITHER},
@@ -140,9 +129,7 @@ CHANGES = {
         {"with_stops": None},
     ),
     "DamageSizing": ONE_OR_SEVERAL,
-    "Design": Change(METHOD),
     "Environment": Change({"spectra": COLUMNS, "breakpoints": COLUMNS}),
-    "Explanation": Change(METHOD),
     "FirstPassage": Change(
         {"barriers": Mapping[str, float | None]}, renamed=dict.fromkeys(("lower", "upper"))
     ),
@@ -157,19 +144,6 @@ CHANGES = {
         renamed={"jumps": None},
     ),
     "History": Change(METHOD | {"columns": list[str], "samples": int}),
-    "ImpactStatistics": Change(METHOD, renamed={"pairs": "impact_pairs"}),
-    "Identification": Change(METHOD | {"summary": str}),
-    "Jolts": Change(
-        METHOD | {
-            "paths": int, "energy_boundary": float | None, "harmonic_boundary": float | None,
-            "free_amplitude": float | None, "jolts": ROWS, "escape_rate": Mapping[str, float],
-        },
-        renamed=WARNINGS_ALONE | dict.fromkeys(
-            ("speeds", "captured", "resonant", "left", "watched", "resonance")
-        ),
-    ),
-    "Judgement": Change(JUDGED | {"summary": str}),
-    "LifeTimes": Change(METHOD),
     "MotionBetweenStops": Change(
         {"faster_hits": COLUMNS, "impacts": COLUMNS, "transmissibility": COLUMNS},
         renamed={"scene": None},
@@ -177,23 +151,10 @@ CHANGES = {
     "MissionSizing": ONE_OR_SEVERAL._replace(
         added=dict(ONE_OR_SEVERAL.added) | {"record": RecordVerdict | None}
     ),
-    "Production": Change(
-        METHOD | {"summary": str, "made": Mapping[str, RoundedClearance]}, renamed={"method": "by"}
-    ),
-    "Reliability": Change(
-        {"no_hit": Estimate | None}, RECORD | {"production": Production},
-        {"hits": "expected_hits", "hits_interval": "expected_hits_interval"},
-    ),
-    "Replay": Change(
-        METHOD | {
-            "coordinates": Mapping[str, CoordinateReplay], "impact_pairs": Mapping[str, PairReplay]
-        },
-    ),
-    "ReplayAt": Change(renamed=dict.fromkeys(("stops", "impacts", "histories"))),
     "ResponseSpectrum": Change(
         {"spectra": Mapping[str, Mapping[str, dict[str, Any]]]}, renamed={"curves": None}
     ),
-    "Stability": Change(METHOD),
+    "Reliability": Change(optional=RECORD | {"production": Production}),
     "Screening": Change(
         optional=METHOD
         | dict.fromkeys(("displacement_std", "velocity_std"), float)
@@ -221,8 +182,7 @@ CHANGES = {
 """How the JSON documents of answers differ from their fields, by the names of their classes."""
 
 RARE = {
-    "Estimate": ("upper_95", "bias_error"), "Reliability": ("pairs", "outputs", "phases"),
-    "Response": ("statistics",), "Sizing": (*OF_ONE, *OF_SEVERAL),
+    "Estimate": ("upper_95", "bias_error"), "Sizing": (*OF_ONE, *OF_SEVERAL),
 }  # fmt: skip
 """Keys that are present only if they have a value, by the names of the classes."""
 
@@ -303,16 +263,20 @@ class Definitions:
 
     def _of_class(self, kind: Any) -> Schema:
         change = CHANGES.get(kind.__name__, Change())
-        left_out = getattr(kind, "not_in_document", ())
+        stated = getattr(kind, "in_document", {})
+        left_out = {*getattr(kind, "not_in_document", ()), *stated.values()}
         named = {each.name: change.renamed.get(each.name, each.name) for each in fields(kind)}
-        found = {
+        found = {"method": PLAIN[str]} if getattr(kind, "kind", "") else {}
+        found |= {key: self.of_type(_on_the_way(kind, way)) for key, way in stated.items()}
+        found |= {
             key: self.of_type(_hint(kind, name))
             for name, key in named.items()
             if key is not None and name not in left_out
         }
         found |= {key: self.of_type(each) for key, each in change.added.items()}
         optional = {key: self.of_type(each) for key, each in change.optional.items()}
-        rare = found if issubclass(kind, Quantities) else RARE.get(kind.__name__, ())
+        rare = getattr(kind, "only_if_known", ()) or RARE.get(kind.__name__, ())
+        rare = found if issubclass(kind, Quantities) else rare
         optional |= {key: found.pop(key) for key in list(rare)}
         summary = " ".join(inspect.cleandoc(kind.__doc__ or "").partition("\n\n")[0].split())
         return {"description": summary, **_record(found, optional)}
@@ -325,10 +289,26 @@ def _record(required: Schema, optional: Schema | None = None) -> Schema:
     }  # fmt: skip
 
 
+def _on_the_way(kind: type, way: str) -> Any:
+    """The type of what a way such as "resonance.free_amplitude" leads to, from a class."""
+    first, _, rest = way.partition(".")
+    hint = _hint(kind, first)
+    if not rest:
+        return hint
+    (part,) = (each for each in get_args(hint) if each is not type(None))
+    return _on_the_way(part, rest) | None
+
+
 def _hint(kind: type, name: str) -> Any:
-    """The type of a field, even if its module imports that type for type checking only."""
-    owner = next(base for base in kind.__mro__ if name in inspect.get_annotations(base))
-    hint = inspect.get_annotations(owner)[name]
+    """The type of a field, a property or what a method returns, even if its module imports that
+    type for type checking only."""
+    bases = kind.__mro__
+    owner = next(base for base in bases if name in vars(base) | inspect.get_annotations(base))
+    found = vars(owner).get(name)
+    function = found.fget if isinstance(found, property) else found
+    returns = inspect.isfunction(function)
+    hint = inspect.get_annotations(function if returns else owner)["return" if returns else name]  # type: ignore[arg-type]
     hint = getattr(hint, "__forward_arg__", hint)  # as named tuples keep it
     known = vars(sys.modules[owner.__module__])
-    return eval(hint, dict(TYPES), dict(known)) if isinstance(hint, str) else hint
+    hint = eval(hint, dict(TYPES), dict(known)) if isinstance(hint, str) else hint
+    return get_args(hint)[0] if get_origin(hint) is ClassVar else hint

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import scipy
@@ -570,6 +570,9 @@ class Identification(Result):
     stochvi.identify : The calculation.
     """
 
+    kind = "identify"
+    in_document: ClassVar = {"summary": "summary"}
+
     not_in_document = ("test", "law")
 
     test: Measurement
@@ -610,9 +613,6 @@ class Identification(Result):
                 for number, each in fit.numbers.items()
             ]
         )  # fmt: skip
-
-    def _document(self) -> dict[str, Any]:
-        return {"method": "identify", "summary": self.summary(), **super()._document()}
 
 
 # ------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,6 +108,9 @@ class BumperMap(Result):
     stochvi.isolators.bumper_map : The calculation.
     """
 
+    kind = "size:map"
+    in_document: ClassVar = {name: name for name in ("feasible", "exceeded", "best")}
+
     clearance: Vector
     stiffness_factor: Vector
     stiffness: Vector | None
@@ -186,11 +189,6 @@ class BumperMap(Result):
             }  # fmt: skip
         judged = {"feasible": self.feasible.ravel(), "exceeded": self.exceeded.ravel()}
         return pd.DataFrame(columns | judged)
-
-    def _document(self) -> dict[str, Any]:
-        found = super()._document()
-        judged = {"feasible": self.feasible, "exceeded": self.exceeded, "best": self.best}
-        return {"method": "size:map", **judged, **found}
 
     def stop_in_words(self, column: int) -> str:
         """The stiffness of a column, in words."""

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -149,6 +149,14 @@ AFTER_TRANSIENTS = 20
 be seen whether they are transients, too."""
 
 
+class EscapeRate(NamedTuple):
+    """A rate, 1/s, with its 95 % interval."""
+
+    value: float
+    lower: float
+    upper: float
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Jolts(Result):
     """How many jolted paths were captured by clatter, and how long they stayed.
@@ -179,6 +187,19 @@ class Jolts(Result):
     stochvi.isolators.jolts : The calculation.
     """
 
+    kind = "jolt"
+    in_document: ClassVar = {
+        "clearance": "clearance", "paths": "paths", "duration": "duration",
+        "energy_boundary": "resonance.energy_boundary",
+        "harmonic_boundary": "resonance.harmonic_boundary",
+        "free_amplitude": "resonance.free_amplitude",
+        "jolts": "to_frame", "escape_rate": "escape_rate",
+    }  # fmt: skip
+    not_in_document = (
+        "speeds", "captured", "resonant", "left", "watched", "noise", "resonance",
+        "cost", "provenance", "interrupted",
+    )  # fmt: skip
+
     speeds: tuple[float, ...]
     captured: NDArray[np.bool_]
     resonant: NDArray[np.bool_]
@@ -194,7 +215,7 @@ class Jolts(Result):
         """Number of paths that were simulated for each jolt."""
         return int(self.captured.shape[1])
 
-    def escape_rate(self) -> tuple[float, float, float]:
+    def escape_rate(self) -> EscapeRate:
         """Rate at which noise throws captured paths out of clatter, 1/s, with its exact 95 %
         interval (Poisson).
 
@@ -210,7 +231,7 @@ class Jolts(Result):
         gone = np.sort(self.watched[self.left])
         total = float(stayed.sum())
         if total == 0.0:
-            return math.nan, 0.0, math.inf
+            return EscapeRate(math.nan, 0.0, math.inf)
         # paths that are watched longer than t, summed up to t: the time that was watched so far
         so_far = np.cumsum(np.diff(stayed, prepend=0.0) * np.arange(len(stayed), 0, -1))
         place = np.interp(gone, stayed, so_far) / total
@@ -224,8 +245,8 @@ class Jolts(Result):
                 break
         low, high = poisson_interval(len(kept), (1.0 - begun) * total)
         if known:
-            return len(kept) / ((1.0 - begun) * total), low, high
-        return math.nan if len(kept) else 0.0, 0.0, high
+            return EscapeRate(len(kept) / ((1.0 - begun) * total), low, high)
+        return EscapeRate(math.nan if len(kept) else 0.0, 0.0, high)
 
     def to_frame(self) -> pd.DataFrame:
         """One row per jolt: shares of paths captured, with the exact interval, and on both stops;
@@ -248,22 +269,6 @@ class Jolts(Result):
                 }
             )
         return pd.DataFrame(rows)
-
-    def _document(self) -> dict[str, Any]:
-        rate, low, high = self.escape_rate()
-        known = self.resonance
-        return {
-            "method": "jolt",
-            "clearance": self.clearance,
-            "paths": self.paths,
-            "duration": self.duration,
-            "energy_boundary": None if known is None else known.energy_boundary,
-            "harmonic_boundary": None if known is None else known.harmonic_boundary,
-            "free_amplitude": None if known is None else known.free_amplitude,
-            "jolts": self.to_frame(),
-            "escape_rate": {"value": rate, "lower": low, "upper": high},
-            "warnings": self.warnings,
-        }
 
     def summary(self) -> str:
         """Capture and escape, in sentences."""

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 import scipy
@@ -117,6 +117,9 @@ class Production(Result):
     stochvi.isolators.production : The calculation.
     """
 
+    kind = "production"
+    in_document: ClassVar = {"summary": "summary", "made": "made", "by": "method"}
+
     not_in_document = ("scene",)  # it is in the provenance
 
     scene: Scene
@@ -176,11 +179,6 @@ class Production(Result):
     def to_frame(self) -> pd.DataFrame:
         """The tolerances, and the clearance that each costs."""
         return self.tolerances
-
-    def _document(self) -> dict[str, Any]:
-        found = super()._document()
-        return {"method": "production", "summary": self.summary(), "made": self.made,
-                "by": found.pop("method"), **found}  # fmt: skip
 
 
 # ------------------------------------------------------------------------------

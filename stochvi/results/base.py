@@ -321,8 +321,18 @@ class Result:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     interrupted: bool = False
 
+    kind: ClassVar[str] = ""
+    """What the document of an answer without a field `method` says under "method"."""
+
+    in_document: ClassVar[Mapping[str, str]] = {}
+    """Keys that a document begins with, each with the field, property or method that it holds, or
+    the way to one: "resonance.free_amplitude"."""
+
     not_in_document: ClassVar[tuple[str, ...]] = ()
     """Fields of a kind of answer that its JSON document leaves out."""
+
+    only_if_known: ClassVar[tuple[str, ...]] = ()
+    """Fields that a document leaves out where they hold nothing."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -399,13 +409,19 @@ class Result:
             return {name: plain(value) for name, value in self._document().items()}
 
     def _document(self) -> dict[str, Any]:
-        """The fields by name, with those that are common to all answers last.
+        """What the class says is in the document, then the other fields, those that are common to
+        all answers last.
 
-        A kind of answer whose document has other keys, or more of them, overrides this.
+        A kind of answer whose keys depend on what was found overrides this.
         """
-        names = [each.name for each in fields(self) if each.name not in self.not_in_document]
+        head: dict[str, Any] = {"method": self.kind} if self.kind else {}
+        head |= {key: _on_the_way(self, way) for key, way in self.in_document.items()}
+        left_out = {*self.not_in_document, *self.in_document.values()}
+        names = [each.name for each in fields(self) if each.name not in left_out]
         names.sort(key=COMMON.__contains__)
-        return {name: getattr(self, name) for name in names}
+        found = head | {name: getattr(self, name) for name in names}
+        empty = [name for name in self.only_if_known if not found[name]]
+        return {name: each for name, each in found.items() if name not in empty}
 
     def _repr_html_(self) -> str:
         remarks = "".join(f"<br>{html.escape(each, quote=False)}" for each in self._remarks())
@@ -424,6 +440,13 @@ class Result:
 check_methods(Result)
 
 
+def _on_the_way(part: Any, way: str) -> Any:
+    """What a way such as "resonance.free_amplitude" leads to; None where a part of it is None."""
+    for name in way.split("."):
+        part = None if part is None else getattr(part, name)
+    return part() if callable(part) else part
+
+
 def _lasting(part: Any) -> Any:
     """A part of a document without what differs from run to run."""
     if isinstance(part, dict):
@@ -439,6 +462,8 @@ def plain(value: Any) -> Any:
     """
     if value is None or isinstance(value, bool | int | str):
         return value
+    if callable(document := getattr(value, "document", None)):  # a scene
+        return plain(document())
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     if isinstance(value, np.ndarray | np.generic):
@@ -446,7 +471,9 @@ def plain(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type | Mapping):
         if hasattr(value, "to_dict"):
             return value.to_dict()
-        return {each.name: plain(getattr(value, each.name)) for each in fields(value)}
+        left_out = getattr(value, "not_in_document", ())
+        names = [name for name in _names_of(type(value)) if name not in left_out]
+        return {name: plain(getattr(value, name)) for name in names}
     if hasattr(value, "_asdict"):
         value = value._asdict()
     if hasattr(value, "iloc"):  # a table
@@ -644,6 +671,7 @@ class Response(Result):
     """
 
     not_in_document = ("stop_powers",)
+    only_if_known = ("statistics",)
 
     method: str
     coordinates: Mapping[str, CoordinateResponse]
@@ -661,11 +689,6 @@ class Response(Result):
                 for owner, each in getattr(self, name).items()
             }
             object.__setattr__(self, name, group)
-
-    def _document(self) -> dict[str, Any]:
-        """The fields by name, without statistics where none was asked for."""
-        left_out = () if self.statistics else ("statistics",)
-        return {name: each for name, each in super()._document().items() if name not in left_out}
 
     def estimates(self) -> dict[tuple[str, str], Estimate]:
         """Every estimate that exists, keyed by (coordinate or pair, quantity)."""

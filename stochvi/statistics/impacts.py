@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 import scipy
@@ -428,6 +428,9 @@ class ImpactStatistics(Result):
     stochvi.impacts : The calculation.
     """
 
+    kind = "impacts"
+    in_document: ClassVar = {"impact_pairs": "pairs"}
+
     pairs: Mapping[str, PairStatistics]
     duration: float
     window: float
@@ -498,10 +501,6 @@ class ImpactStatistics(Result):
 
     def _shown(self) -> pd.DataFrame:
         return self.to_table()
-
-    def _document(self) -> dict[str, Any]:
-        found = super()._document()
-        return {"method": "impacts", "impact_pairs": found.pop("pairs"), **found}
 
     def summary(self) -> str:
         """How clustered the impacts are, in a sentence for each pair."""

@@ -259,6 +259,8 @@ class LifeTimes(Result):
     stochvi.statistics.lifetimes : The calculation.
     """
 
+    kind = "lifetimes"
+
     regimes: tuple[LifeTime, ...]
     frequency_hz: float
     outside: float
@@ -291,9 +293,6 @@ class LifeTimes(Result):
             if not each.destinations:
                 rows.append(row | {"to": "", "share": math.nan})
         return pd.DataFrame(rows)
-
-    def _document(self) -> dict[str, Any]:
-        return {"method": "lifetimes", **super()._document()}
 
     def summary(self) -> str:
         """How long each regime lasts, in a sentence."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +64,8 @@ class Stability(Result):
     stochvi.stability : The calculation.
     """
 
+    kind = "stability"
+
     lyapunov_exponent: Estimate
     mean_growth: Estimate | None
     mean_square_growth: Estimate | None
@@ -105,9 +107,6 @@ class Stability(Result):
                 for name, each in self.rates.items()
             ]
         )  # fmt: skip
-
-    def _document(self) -> dict[str, Any]:
-        return {"method": "stability", **super()._document()}
 
 
 @calculation

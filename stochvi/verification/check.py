@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -116,6 +116,10 @@ class Check(Result):
     stochvi.check : The calculation.
     """
 
+    kind = "check"
+    in_document: ClassVar = {name: name for name in ("passed", "family_alarm_rate")}
+    family_alarm_rate: ClassVar[float] = FAMILY_ALARM_RATE
+
     not_in_document = COMMON
 
     z: float
@@ -178,14 +182,6 @@ class Check(Result):
         import pandas as pd
 
         return pd.DataFrame([vars(row) for row in self.comparisons])
-
-    def _document(self) -> dict[str, Any]:
-        return {
-            "method": "check",
-            "passed": self.passed,
-            "family_alarm_rate": FAMILY_ALARM_RATE,
-            **super()._document(),
-        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -873,6 +869,8 @@ class Explanation(Result):
     stochvi.explain : The calculation.
     """
 
+    kind = "explain"
+
     not_in_document = COMMON
 
     effects: Sequence[str]
@@ -920,9 +918,6 @@ class Explanation(Result):
 
     def _remarks(self) -> Sequence[str]:
         return (*self.notes, *self.warnings)
-
-    def _document(self) -> dict[str, Any]:
-        return {"method": "explain", **super()._document()}
 
 
 @calculation

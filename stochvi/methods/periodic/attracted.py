@@ -596,6 +596,8 @@ class Basins(Result):
     stochvi.methods.periodic.basins : The calculation.
     """
 
+    kind = "basins"
+
     plane: tuple[str, str]
     across: Vector
     up: Vector
@@ -651,9 +653,6 @@ class Basins(Result):
 
     def _shown(self) -> pd.DataFrame:
         return self.table()
-
-    def _document(self) -> dict[str, Any]:
-        return {"method": "basins", **super()._document()}
 
     def summary(self) -> str:
         """The motions that coexist, and the share of the starts of each."""
@@ -1143,6 +1142,8 @@ class Bifurcation(Result):
     stochvi.methods.periodic.bifurcation : The calculation.
     """
 
+    kind = "bifurcation"
+
     key: str
     sweeps: tuple[BifurcationSweep, ...]
     settling: int
@@ -1195,9 +1196,6 @@ class Bifurcation(Result):
 
     def _shown(self) -> pd.DataFrame:
         return self.table()
-
-    def _document(self) -> dict[str, Any]:
-        return {"method": "bifurcation", **super()._document()}
 
     def summary(self) -> str:
         """How many values have motions that repeat themselves, and how many are chaotic."""

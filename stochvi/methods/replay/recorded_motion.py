@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from dataclasses import replace as changed
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 import scipy
@@ -252,22 +252,14 @@ class ReplayAt:
     stochvi.replay : The answer that holds it.
     """
 
+    not_in_document: ClassVar = ("stops", "impacts", "histories")  # which are tables of their own
+
     clearance: float | None
     stops: Mapping[str, float]
     coordinates: Mapping[str, CoordinateReplay]
     impact_pairs: Mapping[str, PairReplay]
     impacts: pd.DataFrame
     histories: Histories | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document; histories and the list of impacts are tables of their own."""
-        from stochvi.results.base import plain
-
-        return {
-            "clearance": self.clearance,
-            "coordinates": plain(self.coordinates),
-            "impact_pairs": plain(self.impact_pairs),
-        }
 
     def with_bias(self, coarse: ReplayAt, step: float) -> ReplayAt:
         """The same answer by a step, s, with the differences from that at twice the step as
@@ -325,6 +317,9 @@ class Replay(Result):
     stochvi.replay : The calculation.
     """
 
+    kind = "replay"
+    in_document: ClassVar = {name: name for name in ("coordinates", "impact_pairs")}
+
     clearances: tuple[ReplayAt, ...]
     duration: float
     assumptions: Sequence[str] = ()
@@ -377,17 +372,6 @@ class Replay(Result):
         import pandas as pd
 
         return pd.DataFrame([each.row() for each in self.clearances])
-
-    def _document(self) -> dict[str, Any]:
-        found = super()._document()
-        only = self.only
-        top = {} if only is None else only.to_dict()
-        return {
-            "method": "replay",
-            "coordinates": top.get("coordinates", {}),
-            "impact_pairs": top.get("impact_pairs", {}),
-            **found,
-        }
 
 
 def _impacts_in_words(name: str, pair: PairReplay) -> str:

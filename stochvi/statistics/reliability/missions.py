@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import scipy
@@ -132,6 +132,11 @@ class Reliability(Result):
     stochvi.reliability : The calculation.
     """
 
+    in_document: ClassVar = {
+        "no_hit": "no_hit", "expected_hits": "hits", "expected_hits_interval": "hits_interval",
+    }  # fmt: skip
+    only_if_known = ("pairs", "outputs", "phases")
+
     mission: float
     start: str
     chances: Mapping[str, Chance]
@@ -181,17 +186,6 @@ class Reliability(Result):
                 for chance in self.chances.values()
             ]
         )
-
-    def _document(self) -> dict[str, Any]:
-        found = super()._document()
-        for name in ("pairs", "outputs", "phases"):
-            if not found[name]:
-                del found[name]
-        expected = {
-            "expected_hits": found.pop("hits"),
-            "expected_hits_interval": found.pop("hits_interval"),
-        }
-        return {"no_hit": self.no_hit, **expected, **found}
 
     def __repr__(self) -> str:
         percent = f"{100.0 * self.confidence:g} %"

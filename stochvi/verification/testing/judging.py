@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import scipy
@@ -759,6 +759,10 @@ class Judgement(Result):
     stochvi.testing.judge : The calculation.
     """
 
+    kind = "judge"
+    in_document: ClassVar = {name: name for name in ("passed", "summary", "family_alarm_rate")}
+    family_alarm_rate: ClassVar[float] = FAMILY_ALARM_RATE
+
     not_in_document = COMMON
 
     hints: Sequence[str]
@@ -834,15 +838,6 @@ class Judgement(Result):
         import pandas as pd
 
         return pd.DataFrame([vars(row) for row in self.findings])
-
-    def _document(self) -> dict[str, Any]:
-        return {
-            "method": "judge",
-            "passed": self.passed,
-            "summary": self.summary(),
-            "family_alarm_rate": FAMILY_ALARM_RATE,
-            **super()._document(),
-        }
 
 
 def _in_words(row: Finding) -> str:
