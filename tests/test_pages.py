@@ -216,6 +216,10 @@ def test_a_page_that_shows_something_else_is_noticed() -> None:
     assert shown.differences(bias, "30.2(1.2)+-1.3, 1.88(30)e-06")
     assert shown.differences(bias, "30.2(1.2), 1.88(30)e-05+-6.9e-08")
     assert shown.differences("6.251+-0.034", "6.251")
+    half = "927 ± 110 impacts, level ± 3 dB"
+    assert shown.differences(half, "841 ± 34 impacts, level ± 3 dB") == []
+    assert shown.differences(half, "527 ± 110 impacts, level ± 3 dB")
+    assert shown.differences(half, "927 ± 110 impacts, level ± 9 dB")
     long = "cost: 0.0979 s on 2 threads; a\ntenth of the errors: 9.8 s\nnote: hits 607(20)"
     assert shown.differences(long, "cost: 0.1 s; a tenth: 1 s\nnote: hits 611(20)") == []
     assert shown.differences(long, "cost: 0.1 s; a tenth: 1 s\nnote: impacts 607(20)")

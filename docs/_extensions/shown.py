@@ -32,8 +32,10 @@ FENCE = re.compile(
 NUMBER = re.compile(
     r"(?<![\w.])(?P<digits>[-+]?\d+(?:\.\d+)?)(?:\((?P<error>\d+(?:\.\d+)?)\))?"
     r"(?P<power>e[-+]?\d+)?(?:\+-(?P<bias>\d+(?:\.\d+)?(?:e[-+]?\d+)?))?"
+    r"(?: ± (?P<half>\d+(?:\.\d+)?(?:e[-+]?\d+)?))?"
 )
-"""Pattern of a number, with its standard error in brackets and its bias where these are stated."""
+"""Pattern of a number, with its standard error in brackets and its bias, or half of its 95 %
+interval, where these are stated."""
 
 INTERVAL = re.compile(r"(\d[\d.e-]*)(?: %)? \((\d[\d.e-]*)(?: %)? to (\d[\d.e-]*)")
 """Pattern of a number with its 95 % interval."""
@@ -49,6 +51,9 @@ keyword."""
 
 WIDTH = 100
 """Width of the terminal, characters."""
+
+GAUSSIAN_95 = 1.96
+"""Half of a 95 % interval over the standard error."""
 
 Z = 4.5
 """Number of standard errors of a difference that two runs of one command may differ by."""
@@ -130,7 +135,7 @@ def differences(shown: str, now: str) -> list[str]:
         place = next((k for k, pair in enumerate(zip(mine, yours)) if pair[0] != pair[1]), 0)  # noqa: B905
         return [f"got the words: {' '.join(now.split()[max(place - 4, 0) : place + 5])}"]
     pairs = list(zip(NUMBER.finditer(shown), NUMBER.finditer(now), strict=True))
-    relative = [_error(one) / abs(_value(one)) for one, _ in pairs if one["error"] and _value(one)]
+    relative = [_error(one) / abs(_value(one)) for one, _ in pairs if _error(one) and _value(one)]
     relative += [
         (float(high) - float(low)) / (2.0 * 1.96 * float(value))
         for value, low, high in INTERVAL.findall(shown)
@@ -138,7 +143,7 @@ def differences(shown: str, now: str) -> list[str]:
     typical = max(relative, default=0.0)
     found = []
     for one, other in pairs:
-        error = _error(one) if one["error"] else typical * abs(_value(one))
+        error = _error(one) or typical * abs(_value(one))
         allowed = max(Z * math.sqrt(2.0) * error, 1.001 * _last_digit(one))
         mine, yours = (float(each["bias"] or 0.0) for each in (one, other))
         bias = max(_error(one), Z * math.sqrt(2.0) * typical * mine, 1.001 * _last_of_bias(one))
@@ -171,7 +176,10 @@ def _unit(text: str) -> float:
 
 
 def _error(number: re.Match[str]) -> float:
-    """The standard error that a number states in brackets, in the places of its last digits."""
+    """The standard error that a number states: in brackets, in the places of its last digits, or as
+    half of a 95 % interval."""
+    if number["half"]:
+        return float(number["half"]) / GAUSSIAN_95
     error = number["error"] or "0"
     if "." in error:
         return float(error + (number["power"] or ""))

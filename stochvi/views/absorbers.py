@@ -4,7 +4,7 @@ under a sine; pages; pictures."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,6 +25,7 @@ from stochvi.views.pages import (
     Told,
     page_of,
     printed,
+    records,
     shown,
     write_page,
 )  # fmt: skip
@@ -102,28 +103,27 @@ def tuned_sentence(found: TunedDamper) -> str:
 
 def _motion(found: AbsorberReport) -> Section:
     """The motion of the structure by level, with and without the absorber."""
-    columns: dict[str, Callable[[Performance], object]] = {
-        "level (dB)": _level,
-        "ratio": lambda each: f"{each.ratio.value:.3f}",
-        "95 % interval": lambda each: "{:.3f} to {:.3f}".format(*each.interval()),
-        f"rms with ({LENGTH})": lambda each: plus_minus(each.displacement_std, LENGTH),
-        f"rms without ({LENGTH})": lambda each: LENGTH(each.displacement_std_without),
-        "peak factor": lambda each: plus_minus(each.peak_factor),
-        "peak factor without": lambda each: plus_minus(each.peak_factor_without),
-    }
-    if any(each.acceleration_std is not None for each in found.performances):
-        columns |= {
-            ACCELERATION.heading("abs. acceleration", " rms"): lambda each: plus_minus(
-                each.acceleration_std, ACCELERATION
-            ),
-            ACCELERATION.heading("abs. acceleration without", " rms"): lambda each: ACCELERATION(
-                each.acceleration_std_without or 0.0
-            ),
-        }
     return Section(
         title="Motion of the structure",
-        grids=Grid.by(
-            f"motion of {found.carrier!r}, by level of the excitation", columns, _rows(found), 0
+        grids=_by_level(
+            found,
+            f"motion of {found.carrier!r}",
+            {
+                "ratio": lambda each: f"{each.ratio.value:.3f}",
+                "95 % interval": lambda each: "{:.3f} to {:.3f}".format(*each.interval()),
+                f"rms with ({LENGTH})": lambda each: plus_minus(each.displacement_std, LENGTH),
+                f"rms without ({LENGTH})": lambda each: LENGTH(each.displacement_std_without),
+                "peak factor": lambda each: plus_minus(each.peak_factor),
+                "peak factor without": lambda each: plus_minus(each.peak_factor_without),
+                f"abs. acc. rms ({ACCELERATION})": lambda each: plus_minus(
+                    each.acceleration_std, ACCELERATION
+                ),
+                f"abs. acc. rms without ({ACCELERATION})": lambda each: (
+                    None
+                    if each.acceleration_std_without is None
+                    else ACCELERATION(each.acceleration_std_without)
+                ),
+            },
         ),
         notes=[
             "Ratio: rms displacement about the mean with the absorber, simulated, over that "
@@ -135,44 +135,43 @@ def _motion(found: AbsorberReport) -> Section:
     )
 
 
-def _rows(found: AbsorberReport) -> list[tuple[Performance]]:
-    return [(each,) for each in found.performances]
-
-
-def _level(each: Performance) -> str:
-    return f"{each.level_db:+g}"
+def _by_level(
+    found: AbsorberReport, caption: str, columns: Mapping[str, Callable[[Performance], object]]
+) -> list[Grid]:
+    """A table with a row for each level, without columns in which nothing is known."""
+    columns = {"level (dB)": lambda each: f"{each.level_db:+g}", **columns}
+    rows = [(each,) for each in found.performances]
+    grids = Grid.by(f"{caption}, by level of the excitation", columns, rows, 0)
+    return [grid.known() for grid in grids]
 
 
 def _impacts(found: AbsorberReport) -> Section:
     """Impacts, forces and powers by level; the peaks of contacts where stops are compliant."""
-    columns: dict[str, Callable[[Performance], object]] = {
-        "level (dB)": _level,
-        "impacts per period": lambda each: plus_minus(each.impacts_per_period),
-        f"stop force ({FORCE})": lambda each: plus_minus(each.wall_force, FORCE),
-        "impulse (N s)": lambda each: plus_minus(each.impulse),
-        "absorbed": lambda each: plus_minus(each.absorbed_share),
-    }
-    notes = [
-        "Impacts on all units together, faster than the threshold that the warnings name; forces "
-        "and powers count all. Stop force: mean over time of its magnitude, all stops. Absorbed: "
-        "share of the supplied power that impacts take.",
-    ]
-    if any(each.wall_force_largest is not None for each in found.performances):
-        columns |= {
-            f"peak of a contact ({FORCE})": lambda each: plus_minus(each.wall_force_peak, FORCE),
-            f"largest ({FORCE})": lambda each: plus_minus(each.wall_force_largest, FORCE),
-            f"largest ({ACCELERATION})": lambda each: plus_minus(
-                each.wall_acceleration_largest, ACCELERATION
-            ),
-        }
-        notes.append(
-            "Peak of a contact: mean over contacts of the largest force in each. Largest: of 100 "
-            "periods, as a force and as the acceleration that it alone gives the structure."
-        )
     return Section(
         title="Impacts",
-        grids=Grid.by("impacts, by level of the excitation", columns, _rows(found), 0),
-        notes=notes,
+        grids=_by_level(
+            found,
+            "impacts",
+            {
+                "impacts per period": lambda each: plus_minus(each.impacts_per_period),
+                f"stop force ({FORCE})": lambda each: plus_minus(each.wall_force, FORCE),
+                "impulse (N s)": lambda each: plus_minus(each.impulse),
+                "absorbed": lambda each: plus_minus(each.absorbed_share),
+                f"peak force ({FORCE})": lambda each: plus_minus(each.wall_force_peak, FORCE),
+                f"largest ({FORCE})": lambda each: plus_minus(each.wall_force_largest, FORCE),
+                f"largest ({ACCELERATION})": lambda each: plus_minus(
+                    each.wall_acceleration_largest, ACCELERATION
+                ),
+            },
+        ),
+        notes=[
+            "Impacts on all units together, faster than the threshold that the warnings name; "
+            "forces and powers count all. Stop force: mean over time of its magnitude, all stops. "
+            "Absorbed: share of the supplied power that impacts take.",
+            "Peak force: mean over contacts of the largest force in each. Largest: of 100 periods, "
+            "as a force and as the acceleration that it alone gives the structure. Rigid stops "
+            "have neither: it needs the stop's stiffness.",
+        ],
     )
 
 
@@ -302,7 +301,7 @@ def _candidates(found: Design) -> list[Grid]:
                 Estimate(value=each["rms_ratio"], standard_error=each["rms_ratio_error"])
             ),
         },
-        [(each,) for each in found.candidates.to_dict("records")],
+        records(found.candidates),
         0,
     )
 
@@ -467,15 +466,12 @@ def performance_page(found: AbsorberReport, origin: Origin) -> Page:
             ),
         ],
         origin,
+        [_scene(found.scene), _verification(found)],
         [
-            _scene(found.scene),
-            _verification(found),
-            _limits(
-                "Stationary values of a linear structure.",
-                "The peak force on a rigid stop is not known: it needs the stop's stiffness.",
-                "The absorber is taken to move already: from exact rest in a wide box a mass lies "
-                "idle until the structure first reaches it.",
-            ),
+            *central.response.assumptions,
+            "Stationary values of a linear structure.",
+            "The absorber is taken to move already: from exact rest in a wide box a mass lies "
+            "idle until the structure first reaches it.",
         ],
     )
 
@@ -498,10 +494,8 @@ def sine_page(found: AbsorberSine, origin: Origin) -> Page:
             ),
         ],
         origin,
-        [
-            _scene(found.scene),
-            _limits("Rigid stops, no friction; the noise of the scene is left out."),
-        ],
+        [_scene(found.scene)],
+        ["Rigid stops, no friction; the noise of the scene is left out."],
     )
 
 
@@ -532,13 +526,8 @@ def design_page(found: Design, origin: Origin) -> Page:
             ),
         ],
         origin,
-        [
-            _scene(found.scene),
-            _limits(
-                "Stationary values of a linear structure and rigid stops, without friction and "
-                "gravity."
-            ),
-        ],
+        [_scene(found.scene)],
+        ["Stationary values of a linear structure and rigid stops, without friction and gravity."],
     )
 
 
@@ -573,15 +562,7 @@ def _verification(found: AbsorberReport) -> Section:
         Fact(f"Balance of {name}", with_error(residual), "relative to its largest term; 0 is right")
         for name, residual in central.identities.items()
     ]
-    return Section(
-        title="Verification",
-        facts=facts,
-        notes=[f"assumed: {text}" for text in central.assumptions],
-    )
-
-
-def _limits(*notes: str) -> Section:
-    return Section(title="Limits", notes=notes)
+    return Section(title="Verification", facts=facts)
 
 
 def _footer(cost: Cost) -> list[str]:

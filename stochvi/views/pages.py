@@ -8,7 +8,7 @@ import io
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -109,6 +109,20 @@ class Grid:
             for words in dict.fromkeys(words for words, _ in cells)
         ]
         return [cls(caption=caption, headings=[corner, *headings], rows=rows)] if rows else []
+
+    def known(self) -> Self:
+        """The table without the columns in which nothing is known."""
+        kept = [k for k in range(len(self.headings)) if {row[k] for row in self.rows} != {NO_VALUE}]
+        return replace(
+            self,
+            headings=[self.headings[k] for k in kept],
+            rows=[[row[k] for k in kept] for row in self.rows],
+        )
+
+
+def records(table: pd.DataFrame) -> list[tuple[dict[str, Any]]]:
+    """The rows of a table for `Grid.by`, each by the names of its columns."""
+    return [({str(name): cell for name, cell in row.items()},) for row in table.to_dict("records")]
 
 
 def _cell(value: object, form: str) -> str:

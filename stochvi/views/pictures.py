@@ -26,9 +26,8 @@ from stochvi.views.axes import (
     seconds_of,
     thinned,
 )
-from stochvi.views.isolator_tables import plot_pairs_risk
 from stochvi.views.pages import Grid, Told, printed, told_of
-from stochvi.views.sizing import plot_risk
+from stochvi.views.sizing import plot_pairs_risk, plot_risk
 from stochvi.views.statistics import (
     draw_impacts,
     draw_spectrum,
@@ -576,7 +575,7 @@ VIEWS = {
     "MissionSizing": View(
         "isolator_tables:plot_mission_sizing", "isolator_tables:print_mission_sizing", "phases"
     ),
-    "Production": View("isolator_tables:plot_production", "isolator_tables:print_production"),
+    "Production": View("sizing:plot_production", "isolator_tables:print_production"),
     "Reliability": View(
         "statistics:plot_chances", "statistics:print_reliability", "reliability", None
     ),

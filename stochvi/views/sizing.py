@@ -1,8 +1,10 @@
 """Pictures of isolators. Chapters: screening; impact rates against clearance; a sizing and its
-review."""
+review; several
+pairs and productions."""
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
+    from stochvi.isolators.production_risk import Production
     from stochvi.isolators.screening import Environment, Screening
     from stochvi.isolators.sizing.answer import Sizing
     from stochvi.isolators.sizing.review import MotionBetweenStops, Review
@@ -687,3 +690,171 @@ def _mark_clearances(ax: Axes, sizing: Sizing) -> None:
             linewidth=1.4,
             label=f"{words}, {LENGTH.text(place, '.3g')}",
         )
+
+
+# ------------------------------------------------------------------------------
+# Pictures of a sizing of several pairs, and of a production.
+# ------------------------------------------------------------------------------
+
+
+def plot_pairs_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
+    """Probability of any impact against the clearance of each pair, all of which change together.
+
+    The dashed line takes the pairs for independent of each other.
+    """
+    ax = axes_or_new(ax, (6.8, 4.6))
+    curve = sizing.curve
+    unit, name = length_unit(max(each.value for each in sizing.clearances.values()))
+    groups, any_hit = _alike(sizing), sizing.any_hit or math.nan
+    for names, colour in zip(groups, owner_colours(len(groups)), strict=True):
+        found, x = sizing.clearances[names[0]], curve[names[0]] / unit
+        ax.fill_between(
+            x, curve["probability_low"], curve["probability_high"], color=colour, alpha=0.2,
+            linewidth=0,
+        )  # fmt: skip
+        ax.plot(
+            x,
+            curve["probability"],
+            color=colour,
+            label=f"{_joined(names)}: {found.value / unit:.4g} {name}",
+        )
+        ax.plot(x, curve["independent"], color=colour, linestyle="--", linewidth=0.9)
+        ax.plot(found.value / unit, any_hit, "o", color=colour, zorder=3)
+    ax.plot([], [], color="0.4", linestyle="--", linewidth=0.9, label="pairs taken for independent")
+    ax.axhline(any_hit, color="0.5", linewidth=0.8)
+    ax.set_yscale("log")
+    ax.set_xlabel(f"clearance per side ({name})")
+    ax.set_ylabel(f"probability of any impact in {spoken_mission(sizing.mission)}")
+    add_grid(ax)
+    ax.legend(
+        frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2
+    )
+    return ax
+
+
+SAME_CURVE = 5e-3
+"""Relative distance of two curves below which a picture shows them as one line."""
+
+MOST_JOINED = 3
+"""Largest number of names of pairs in one entry of a legend."""
+
+
+def _alike(sizing: Sizing) -> list[list[str]]:
+    """Names of the sized pairs, grouped where a picture cannot tell their curves apart."""
+    groups: list[list[str]] = []
+    for name in sizing.clearances:
+        own = sizing.curve[name]
+        for group in groups:
+            if np.allclose(own, sizing.curve[group[0]], rtol=SAME_CURVE, atol=0.0):
+                group.append(name)
+                break
+        else:
+            groups.append([name])
+    return groups
+
+
+def _joined(names: list[str]) -> str:
+    """Names in one entry of a legend, the last of many only counted."""
+    if len(names) <= MOST_JOINED:
+        return ", ".join(names)
+    return f"{', '.join(names[: MOST_JOINED - 1])} and {len(names) - MOST_JOINED + 1} more"
+
+
+def draw_pairs_risk(sizing: Sizing, title: str = "") -> Axes:
+    """The risk against the clearances as a figure with a title."""
+    return add_title(plot_pairs_risk(sizing), title or "clearances and risk")
+
+
+def plot_pairs_clearances(sizing: Sizing, ax: Axes | None = None) -> Axes:
+    """The clearance of each pair, the largest within the tolerances, and three sigma of its
+    gap."""
+    ax = axes_or_new(ax, (6.8, 0.9 + 0.42 * max(len(sizing.clearances), 3)))
+    names = list(sizing.clearances)
+    values = np.array([sizing.clearances[name].value for name in names])
+    unit, unit_name = length_unit(float(values.max()))
+    sigma = sizing.pairs.set_index("pair")["sigma"]
+    rows = np.arange(len(names))
+    worst = sizing.tolerances.iloc[-1]
+    ax.barh(
+        rows, values / unit, color=COLOURS["linearise:force"], height=0.5, label="as calculated"
+    )
+    if len(sizing.tolerances) > 1:
+        more = [max(float(worst[n]) - v, 0.0) / unit for n, v in zip(names, values, strict=True)]
+        ax.barh(
+            rows, more, left=values / unit, color=COLOURS["linearise:force"], alpha=0.3,
+            height=0.5, label="largest within the tolerances",
+        )  # fmt: skip
+    ax.plot(
+        [3.0 * float(sigma[name]) / unit for name in names], rows, "o",
+        color=COLOURS["linearise:closure"], label="3 sigma",
+    )  # fmt: skip
+    ax.set_yticks(rows, names)
+    ax.invert_yaxis()
+    ax.set_xlim(left=0.0)
+    ax.set_xlabel(f"clearance per side ({unit_name})")
+    legend_above(ax)
+    return ax
+
+
+LABEL_WIDTH = 26
+"""Largest number of letters in a line of a label."""
+
+LEAST_PROBABILITY = 1e-9
+"""Smallest probability that the picture shows."""
+
+
+def plot_production(found: Production, ax: Axes | None = None) -> Axes:
+    """The units by their risk; beside them, in a figure of its own, what each tolerance costs."""
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        ax, beside = plt.subplots(
+            1, 2, width_ratios=[1.3, 1.0], figsize=(9.6, 4.0), layout="constrained"
+        )[1]
+        plot_costs(found, beside)
+    return plot_units(found, ax)
+
+
+def plot_units(found: Production, ax: Axes | None = None) -> Axes:
+    """The share of the units below each probability of an impact, with the mean over the production
+    and a unit as stated."""
+    ax = axes_or_new(ax, PAGE)
+    table = found.units[found.units["probability"] > LEAST_PROBABILITY]
+    ax.plot(
+        table["probability"], 100.0 * table["share_of_units"], "o-", markersize=4,
+        color=COLOURS["simulate"],
+    )  # fmt: skip
+    marks = [
+        ("mean over the production", found.probability.value, COLOURS["linearise:closure"], "-"),
+        ("a unit as stated", found.probability_as_stated, CLEARANCES["recommended"], "--"),
+    ]
+    for words, chance, colour, style in marks:
+        ax.axvline(
+            chance, color=colour, linestyle=style, linewidth=1.4,
+            label=f"{words}: {spoken_percent(chance)}",
+        )  # fmt: skip
+    ax.set_xscale("log")
+    ax.set_ylim(0.0, 103.0)
+    ax.set_xlabel(f"probability of any impact of a unit in {spoken_mission(found.mission)}")
+    ax.set_ylabel("units with at most this probability (%)")
+    ax.legend(
+        facecolor="white", edgecolor="none", framealpha=1.0, fontsize="small", loc="upper left"
+    )
+    ax.grid(alpha=0.4)
+    return ax
+
+
+def plot_costs(found: Production, ax: Axes | None = None) -> Axes:
+    """The clearance that each tolerance costs."""
+    ax = axes_or_new(ax, PAGE)
+    rows = found.tolerances[::-1]
+    unit, name = length_unit(float(np.max(np.abs(rows["clearance_cost"]))))
+    ax.barh(
+        # a number stays with its sign and unit
+        [textwrap.fill(each.replace("± ", "±"), LABEL_WIDTH) for each in rows["tolerance"]],
+        rows["clearance_cost"] / unit, height=0.55, color=COLOURS["linearise:force"],
+    )  # fmt: skip
+    ax.tick_params(axis="y", labelsize="small")
+    ax.set_xlabel(f"clearance that it costs ({name})")
+    ax.margins(x=0.12)
+    return ax

@@ -274,14 +274,8 @@ def _is_number(cell: object) -> bool:
 
 UNKNOWN = "not known"
 
-NO_TOLERANCES = (
-    "mount, level and stops are exactly as the scene states them: no tolerances were asked for "
-    "(--tolerances)"
-)
-"""Sentence of a page whose clearance holds no tolerances."""
-
 WITHOUT_TOLERANCES = "no tolerances: mount, level and stops are exactly as the scene states them"
-"""The same on a terminal."""
+"""Sentence of an answer whose clearance holds no tolerances."""
 
 OF_ONE_MOUNT = (
     "One direction of motion; no rocking, and no coupling of directions.",
@@ -355,17 +349,28 @@ def plus_minus(estimate: Estimate | None, quantity: ShownQuantity = NUMBER) -> s
     """A value with half of its 95 % interval; an upper limit where nothing was seen.
 
     >>> plus_minus(Estimate(value=0.2498, standard_error=0.0096)), plus_minus(None)
-    ('0.250 ± 0.019', 'not known')
+    ('0.250 ± 0.019', '-')
+    >>> plus_minus(Estimate(value=927.3, standard_error=55.9))
+    '927 ± 110'
     """
     if estimate is None:
-        return UNKNOWN
+        return NO_VALUE
     if estimate.upper_95 is not None:
         return f"at most {quantity(estimate.upper_95):.2g}"
     value, half = quantity(estimate.value), quantity(estimate.half_width_95())
-    places = 1 - math.floor(math.log10(half)) if half else -1
-    if not 0 <= places <= MOST_PLACES:
-        return f"{value:.4g}" + (f" ± {half:.2g}" if half else "")
+    if half < HARDLY * abs(value) or half == 0.0:
+        return f"{value:.4g}"
+    places = 1 - math.floor(math.log10(half))
+    if value:
+        places = min(places, 3 - math.floor(math.log10(abs(value))))
+    if places > MOST_PLACES or half >= 1e6:
+        return f"{value:.4g} ± {half:.2g}"
+    places, half = max(places, 0), float(f"{half:.2g}")
     return f"{value:.{places}f} ± {half:.{places}f}"
+
+
+HARDLY = 1e-4
+"""Half of an interval over the value below which four digits are right without it."""
 
 
 def with_error(estimate: Estimate | None) -> str:
@@ -421,15 +426,6 @@ def chance_in_words(probability: float) -> str:
 
 TINY = 1e-12
 """Probability below which its value means nothing: no noise is Gaussian as far as that."""
-
-
-def clearances_of_changes(table: pd.DataFrame) -> dict[str, Heading]:
-    """Columns with the clearances of a table of changed scenes, and their headings: one column of
-    one mass, one for each sized pair of several."""
-    fixed = {"change", "sigma", "clearance_change", "probability", "note"}
-    names = [str(name) for name in table if name not in fixed]
-    one = names == ["clearance"]
-    return {name: ("clearance ()" if one else f"{name} ()", LENGTH) for name in names}
 
 
 def line_to_copy(stops: str) -> str:

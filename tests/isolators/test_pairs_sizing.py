@@ -52,11 +52,12 @@ from stochvi.statistics.crossings import first_crossings
 from stochvi.statistics.rare_hits import Limit, exceedance
 from stochvi.sweeps import summary_of_sizing
 from stochvi.testing import assert_agrees
-from stochvi.views.isolator_tables import pairs_in_words, plot_pairs_risk
+from stochvi.views.isolator_tables import pairs_grids
 from stochvi.views.report.sections import (
     excitations_section,
 )
 from stochvi.views.report.sizing import sizing_page
+from stochvi.views.sizing import plot_pairs_risk
 from support.commands import Run, one_document
 from support.pairs import LAW, pair, uncoupled
 from support.runs import run_of
@@ -358,7 +359,8 @@ def test_many_pairs_read_by_their_ends_and_alike_ones_are_one_line(both: Sizing)
 
 def test_columns_of_what_is_not_known_are_left_out(both: Sizing) -> None:
     unknown = both.pairs.assign(expected_hits=math.nan, impact_speed_mean=math.nan)
-    left = set(pairs_in_words(both)) - set(pairs_in_words(replace(both, pairs=unknown)))
+    (whole,), (less,) = pairs_grids(both), pairs_grids(replace(both, pairs=unknown))
+    left = set(whole.headings) - set(less.headings)
     assert left == {"expected impacts", "mean speed (m/s)"}
 
 

@@ -43,10 +43,7 @@ from stochvi.results.estimates import spoken_percent
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.statistics.crossings import own_distances
 from stochvi.sweeps import sweep
-from stochvi.views.isolator_tables import print_production
-from stochvi.views.report.sections import (
-    production_section,
-)
+from stochvi.views.isolator_tables import print_production, production_section
 from support import judges
 from support.accuracies import quick_cases
 from support.runs import run_of

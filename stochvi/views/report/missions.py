@@ -28,32 +28,26 @@ from stochvi.views.axes import (
     plain_ticks,
 )
 from stochvi.views.isolator_tables import (
-    damage_table,
-    phases_table,
-    plot_damage_sizing,
-    plot_mission_sizing,
+    clearance_told,
+    production_section,
 )
 from stochvi.views.pages import (
     Fact,
-    Grid,
     Page,
     Picture,
     Section,
     page_of,
-    sentence,
     shown,
     write_page,
 )
 from stochvi.views.report.sections import (
     excitation_facts,
-    production_section,
     record_cards,
 )
 from stochvi.views.schematic import draw_problem, draw_shapes, has_shape
 from stochvi.views.statistics import (
     STARTS,
     chance_of,
-    draw_damage,
     event_in_words,
     hits_of_mission,
     interval_of,
@@ -61,9 +55,7 @@ from stochvi.views.statistics import (
 )
 from stochvi.views.tables import (
     OF_ONE_MOUNT,
-    WITHOUT_TOLERANCES,
     effects_in_words,
-    line_to_copy,
     spoken_length,
 )
 from stochvi.views.verification import plot_clearances, plot_history, plot_waterfall, replay_told
@@ -93,25 +85,28 @@ def write_clearance_report(
 
 def clearance_page(found: ClearanceAnswer, origin: Origin) -> Page:
     """The page of a clearance: what to make, what decides, where the stops stand."""
-    subtitle, evidence = _evidence(found)
-    stops, own = found.stops_to_copy(), record_cards(found.record, getattr(found, "records", None))
-    return Page(
-        title=found.scene.title or "Clearance",
-        subtitle=subtitle,
-        verdict=sentence(found.verdict()),
-        statements=[
-            *([sentence(line_to_copy(stops))] if stops else []),
-            sentence(found.calculated()),
-        ],
-        cards=[
+    of = "Clearances" if found.several else "Clearance of an isolated mass"
+    if isinstance(found, MissionSizing):
+        phases = f"{len(found.phases)} {'phases' if len(found.phases) > 1 else 'phase'}"
+        subtitle = f"{of} for a mission of {spoken_mission(found.mission)} in {phases}"
+        sections = [_environment(found), _stops(found)]
+    else:
+        assert isinstance(found, DamageSizing)
+        subtitle = f"{of} by the damage of equipment in {spoken_mission(found.mission)}"
+        sections = [_stops(found)]
+    own = record_cards(found.record, getattr(found, "records", None))
+    return page_of(
+        clearance_told(found),
+        found.scene.title or "Clearance",
+        subtitle,
+        [
             *(own if found.doubtful else []), *_clearance_cards(found),
             *([] if found.doubtful else own), *_cards(found),
         ],
-        alarm=bool(found.doubtful),
-        warnings=list(found.warnings),
-        sections=[*evidence, _stops(found), _limits(found)],
-        origin=origin,
-        footer=[f"Calculated in {found.cost.wall_time:.3g} s. size.json holds all numbers."],
+        origin,
+        sections,
+        found.hanging.assumptions(),
+        [f"Calculated in {found.cost.wall_time:.3g} s. size.json holds all numbers."],
     )  # fmt: skip
 
 
@@ -131,23 +126,6 @@ def _clearance_cards(found: ClearanceAnswer) -> list[Fact]:
             "Calculated", spoken_length(found.clearance.value), f"{span}, 95 %{found.of_widest}"
         ),
     ]  # fmt: skip
-
-
-def _evidence(found: ClearanceAnswer) -> tuple[str, list[Section]]:
-    """The question in words, and the sections of what it rests on."""
-    of = "Clearances" if found.several else "Clearance of an isolated mass"
-    if isinstance(found, MissionSizing):
-        mission = spoken_mission(found.mission)
-        return (
-            f"{of} for a mission of {mission} in "
-            f"{len(found.phases)} {'phases' if len(found.phases) > 1 else 'phase'}",
-            [_phases(found), _environment(found)],
-        )
-    assert isinstance(found, DamageSizing)
-    return (
-        f"{of} by the damage of equipment in {spoken_mission(found.mission)}",
-        [_damage(found)],
-    )
 
 
 def _cards(found: ClearanceAnswer) -> list[Fact]:
@@ -173,28 +151,6 @@ def _cards(found: ClearanceAnswer) -> list[Fact]:
             "Q and exponent", f"{found.damage.quality:g}, {found.damage.exponent:g}", "of equipment"
         ),
     ]
-
-
-def _phases(found: MissionSizing) -> Section:
-    return Section(
-        title="Phase by phase",
-        lead="Phases are independent, and each starts in its own stationary motion. So the "
-        "probability of no impact in the mission is the product of those of its phases."
-        if len(found.phases) > 1
-        else "The mission starts in its stationary motion.",
-        grids=[
-            Grid.of(
-                "At the calculated clearance, and the clearance that each phase alone would need",
-                phases_table(found),
-            )
-        ],
-        pictures=[
-            shown(
-                lambda: plot_mission_sizing(found),
-                "Probability of any impact in the mission against the clearance, 95 %.",
-            )
-        ],
-    )
 
 
 def _environment(found: MissionSizing) -> Section:
@@ -255,22 +211,6 @@ STYLES = ("-", "--", ":")
 """Styles of curves that follow each other: phases may have the same density."""
 
 
-def _damage(found: DamageSizing) -> Section:
-    return Section(
-        title="Damage of equipment",
-        lead="Equipment is a resonator on the mass, of each natural frequency and one Q. Its "
-        "damage is that of its pseudo-velocity, by rainflow cycles and Miner's sum.",
-        grids=[Grid.of("Clearances that were tried", damage_table(found), words=0)],
-        pictures=[
-            shown(lambda: plot_damage_sizing(found), "What stops add to the damage, less 1."),
-            shown(
-                lambda: draw_damage(found.damage, ""),
-                "Spectra at the clearance that is nearest to the calculated one.",
-            ),
-        ],
-    )
-
-
 def _stops(found: ClearanceAnswer) -> Section:
     """Where the stops stand, with the drawing of the scene: at the clearance to make, or as the
     scene has them where there is none."""
@@ -299,15 +239,6 @@ def _stops(found: ClearanceAnswer) -> Section:
             )
         ],
     )  # fmt: skip
-
-
-def _limits(found: ClearanceAnswer) -> Section:
-    own = found.assumptions if isinstance(found, MissionSizing) else ()
-    return Section(
-        title="Limits",
-        lead="Assumptions of this report.",
-        notes=[sentence(text) for text in (*found.hanging.assumptions(), *own, WITHOUT_TOLERANCES)],
-    )
 
 
 # ------------------------------------------------------------------------------

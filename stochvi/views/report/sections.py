@@ -4,11 +4,10 @@ and on several pairs."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import MOST_NAMED, places_in_words
-from stochvi.isolators.tolerances import in_words
 from stochvi.mathematics.units import ACCELERATION, LENGTH, SPEED, spoken_mission
 from stochvi.results.estimates import spoken_percent
 from stochvi.scenes.excitations import Excitation
@@ -16,26 +15,9 @@ from stochvi.scenes.excitations.base import BASE, DensityNoise
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.views.isolator_tables import (
-    COSTS,
-    TOLERANCES,
-    coordinates_in_rows,
     interval_in_words,
-    pairs_in_words,
-    places_heading,
-    places_in_rows,
-    plot_costs,
-    plot_pairs_clearances,
-    plot_pairs_risk,
-    plot_units,
-    production_in_rows,
-    required_in_rows,
-    risk_in_words,
-    units_heading,
-    units_in_rows,
-    worst_places,
 )
-from stochvi.views.isolator_tables import tolerances_in_rows as pairs_in_rows
-from stochvi.views.pages import Fact, Grid, Picture, Section, sentence, shown
+from stochvi.views.pages import Fact, Grid, Section, shown
 from stochvi.views.schematic import (
     draw_gaps,
     draw_problem,
@@ -43,24 +25,16 @@ from stochvi.views.schematic import (
     one_axis_in_rows,
     plot_box,
 )
-from stochvi.views.sizing import plot_input, plot_response, plot_sensitivity
+from stochvi.views.sizing import plot_input, plot_response
 from stochvi.views.tables import (
     UNKNOWN,
-    Heading,
     chance_of_stops,
-    clearances_of_changes,
     equilibrium_in_words,
-    four_digits,
     spoken_length,
-    with_headings,
 )
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from stochvi.isolators.production_risk import Production
     from stochvi.isolators.record_verdict import RecordVerdict
-    from stochvi.isolators.screening import Screening
     from stochvi.isolators.sizing.answer import Sizing
     from stochvi.isolators.sizing.review import Review
 
@@ -108,96 +82,6 @@ def _card(where: str, record: RecordVerdict, more: str) -> Fact:
         f"move {record.expected_peak_in_sigma:.3g} in its time; response kurtosis "
         f"{record.kurtosis:.3g}, 3 ± {record.kurtosis_error:.2g} for Gaussian noise{more}",
     )
-
-
-# ------------------------------------------------------------------------------
-# Sections of a clearance report on changed scenes: tolerances, production and sensitivity.
-# ------------------------------------------------------------------------------
-
-
-def worst_case_section(review: Review) -> Section:
-    """Each tolerance at its ends, and the worst within all of them; empty without tolerances."""
-    table = review.worst_case
-    if table is None:
-        return Section(title="Tolerances")
-    return Section(
-        title="Tolerances",
-        lead="The clearance for the same target, from the static equilibrium of the mount as "
-        "stated, and the probability of any impact that then remains: "
-        f"{review.tolerances.in_words()}. Each is at its ends first. Last is the largest "
-        "requirement within all of them: the response of the mount is searched over the whole "
-        "region, and the scene that is found there is sized.",
-        grids=[_changes_grid(table, "Each row is sized anew")],
-        pictures=_change_bars(table),
-        notes=_notes_of(table),
-    )
-
-
-def production_section(found: Production | None) -> Section:
-    """The risk of the production; empty without distributions of tolerances."""
-    if found is None:
-        return Section(title="Production")
-    return Section(
-        title="Production",
-        lead=f"Units differ: {in_words(found.spreads)}. "
-        + " ".join(sentence(line) for line in risk_in_words(found)),
-        grids=[
-            Grid.of(COSTS, production_in_rows(found)),
-            Grid.of(units_heading(found), units_in_rows(found)),
-        ],
-        pictures=[
-            shown(lambda: plot_units(found), "Units by their probability of any impact."),
-            shown(lambda: plot_costs(found), "Clearance that each tolerance costs."),
-        ],
-        notes=[sentence(found.method)],
-    )
-
-
-def sensitivity_section(table: pd.DataFrame | None) -> Section:
-    """The changed scenes of `sensitivity`."""
-    if table is None:
-        return Section(title="Sensitivity")
-    return Section(
-        title="Sensitivity",
-        lead="The clearance for the same target if mount, environment or stops are not as stated, "
-        "and the probability of any impact that then remains.",
-        grids=[_changes_grid(table, "One thing changed at a time, the rest as stated")],
-        pictures=_change_bars(table),
-        notes=_notes_of(table),
-    )
-
-
-def _changes_grid(table: pd.DataFrame, caption: str) -> Grid:
-    def number(value: float, text: Callable[[float], str]) -> str:
-        return UNKNOWN if math.isnan(value) else text(value)
-
-    lengths: dict[str, Heading] = {"sigma": ("linear rms ()", LENGTH)} if "sigma" in table else {}
-    lengths |= clearances_of_changes(table)
-    shown = with_headings(table, lengths)
-    return Grid(
-        caption=caption,
-        headings=["change", *shown, "by (%)", "any impact, clearance as stated"],
-        rows=[
-            [
-                row["change"],
-                *(number(each, four_digits) for each in places),
-                number(row["clearance_change"], lambda x: f"{100.0 * x:+.3g}"),
-                number(row["probability"], spoken_percent),
-            ]
-            for row, places in zip(table.to_dict("records"), shown.to_numpy(), strict=True)
-        ],
-    )
-
-
-def _change_bars(table: pd.DataFrame) -> list[Picture]:
-    known = table.dropna(subset=["clearance_change"])
-    if len(known) < 2:
-        return []
-    return [shown(lambda: plot_sensitivity(known), "Change of the clearance, per cent.")]
-
-
-def _notes_of(table: pd.DataFrame) -> list[str]:
-    return [f"{row['change']}: {row['note']}" for row in table.to_dict("records") if row["note"]]
 
 
 # ------------------------------------------------------------------------------
@@ -410,74 +294,19 @@ def pairs_cards(sizing: Sizing) -> list[Fact]:
     ]
 
 
-def pairs_section(sizing: Sizing) -> Section:
-    """Where the stops of each pair go, its risk, and the clearances for other risks."""
+def pairs_gap_section(sizing: Sizing) -> Section:
+    """The section on the stops of several pairs."""
+    where = "as the scene file states them"
+    if sizing.each_made:
+        where = "at the clearances to make, as a scene file has them"
     return Section(
-        title="Pair by pair",
-        lead=_shared(sizing),
-        grids=[
-            Grid.of(places_heading(sizing), places_in_rows(sizing)),
-            Grid.of("Clearances and risk as calculated", pairs_in_words(sizing)),
-            Grid.of(
-                "Clearances for other probabilities of any impact, as calculated",
-                required_in_rows(sizing),
-            ),
-        ],
+        title="Gaps and stops",
         pictures=[
             shown(
                 lambda: draw_gaps(sizing.as_made().impact_pairs, sizing.rests),
-                f"Stops {_where(sizing)}, from the unloaded mounts.",
-            ),
-            shown(lambda: plot_pairs_clearances(sizing), "Clearances and the rule of three sigma."),
-            shown(
-                lambda: plot_pairs_risk(sizing),
-                "Probability of any impact as all clearances change.",
-            ),
+                f"Stops {where}, from the unloaded mounts.",
+            )
         ],
-    )
-
-
-def _where(sizing: Sizing) -> str:
-    """Where the stops of the drawing stand."""
-    if not sizing.each_made:
-        return "as the scene file states them"
-    return "at the clearances to make, as a scene file has them"
-
-
-def _shared(sizing: Sizing) -> str:
-    """How the pairs share the risk, in sentences."""
-    if sizing.pair is not None:
-        return "One pair is sized; the stops of the others stay where the scene has them."
-    equally = "share the risk equally: each alone would be hit with the same probability."
-    if not sizing.common:
-        return f"Pairs {equally}"
-    common = f"{', '.join(sizing.common)} have one clearance in common, so that their risks differ."
-    rest = "" if set(sizing.common) == set(sizing.clearances) else f" The other pairs {equally}"
-    return common + rest
-
-
-def gaps_screening_section(linear: Screening) -> Section:
-    """The motion without stops, of coordinates, points and gaps."""
-    return Section(
-        title="Linear screening",
-        lead="The rule of three sigma rests on the Gaussian response of the structure without "
-        "stops. Impacts are counted as Rice's crossings, as if impacts changed nothing.",
-        grids=[
-            Grid.of("Coordinates and points", coordinates_in_rows(linear)),
-            Grid.of("Gaps and stops of the scene", linear.gaps_to_frame()),
-        ],
-    )
-
-
-def pairs_tolerances_section(sizing: Sizing) -> Section:
-    """What changes within the tolerances ask for; empty without tolerances."""
-    if len(sizing.tolerances) < 2:
-        return Section(title="Tolerances")
-    return Section(
-        title="Tolerances",
-        lead=f"{sizing.allowed.in_words()}.",
-        grids=[Grid.of(f"{TOLERANCES[0].upper()}{TOLERANCES[1:]}", pairs_in_rows(sizing))],
-        notes=[f"{line[0].upper()}{line[1:]}." for line in worst_places(sizing)],
     )
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, two_sided
+from stochvi.isolators.sizing.answer import two_sided
 from stochvi.mathematics.units import (
     ACCELERATION,
     FORCE,
@@ -23,26 +23,21 @@ from stochvi.mathematics.units import (
 from stochvi.results.base import Response, is_speed, named_with_units, plain
 from stochvi.results.estimates import GAUSSIAN_95, spoken_percent
 from stochvi.results.files import Origin, origin_of
-from stochvi.views.axes import PAGE, axes_or_new
 from stochvi.views.files import try_picture, write_table
-from stochvi.views.isolator_tables import draw_pairs_risk
-from stochvi.views.pages import Fact, Grid, Page, Picture, Section, sentence, shown, write_page
+from stochvi.views.isolator_tables import screening_section, sizing_told
+from stochvi.views.pages import Fact, Grid, Page, Picture, Section, page_of, shown, write_page
 from stochvi.views.report.sections import (
     box_sections,
     environment_section,
     excitations_section,
     gap_section,
-    gaps_screening_section,
     mount_section,
     pairs_cards,
-    pairs_section,
-    pairs_tolerances_section,
-    production_section,
+    pairs_gap_section,
     record_cards,
-    sensitivity_section,
-    worst_case_section,
 )
 from stochvi.views.sizing import (
+    draw_pairs_risk,
     draw_sizing,
     plot_cumulative,
     plot_exceedances,
@@ -51,20 +46,16 @@ from stochvi.views.sizing import (
     plot_hit_rate,
     plot_impact_speeds,
     plot_peaks,
-    plot_risk,
     plot_transmissibility,
 )
 from stochvi.views.tables import (
-    NO_TOLERANCES,
     OF_ONE_MOUNT,
     UNKNOWN,
     count_of,
     four_digits,
     limits_of,
     names_of_places,
-    places_of_stops,
     spoken_length,
-    way_in_words,
     with_article,
     with_interval,
 )
@@ -78,7 +69,6 @@ if TYPE_CHECKING:
         Balance,
         Chance,
         Exceeding,
-        HitsAt,
         LinearMotion,
         MotionBetweenStops,
         Review,
@@ -96,8 +86,6 @@ below it."""
 
 NOTABLE_CHANGE = 0.1
 """Relative change of the transmissibility by the stops from which on it is drawn."""
-
-NO_HIT = "no impact seen"
 
 
 class _Row(NamedTuple):
@@ -133,7 +121,6 @@ def stops_section(review: Review) -> Section:
     notes = [
         f"Pictures and percentiles: a path of {motion.duration:.4g} s, {motion.hits} impacts; "
         f"kurtosis of its displacement {motion.kurtosis:.2f} (3 without stops).",
-        f"{HITS_PER_FIRST_HIT[0].upper()}{HITS_PER_FIRST_HIT[1:]}.",
     ]
     change = motion.transmissibility_change
     if change is not None and change <= NOTABLE_CHANGE:
@@ -182,36 +169,6 @@ def _pictures(review: Review, motion: MotionBetweenStops) -> list[Picture]:
     return found
 
 
-def _hit_rows(review: Review) -> list[list[str]]:
-    """Rows of the table of impacts: one for each quantity, a column for each clearance."""
-
-    def row(words: str, text: Callable[[HitsAt], str]) -> list[str]:
-        return [words, "", *(UNKNOWN if hits is None else text(hits) for hits in found)]
-
-    found = review.hits.values()
-    return [
-        row(
-            f"impacts per {RATE.time}",
-            lambda hits: _count(*map(RATE, (hits.rate, hits.rate_low, hits.rate_high))),
-        ),
-        row(
-            "impacts in the mission",
-            lambda hits: _count(hits.expected, hits.expected_low, hits.expected_high),
-        ),
-        row("impacts per cluster", lambda hits: _seen(hits.hits_per_first_hit)),
-        row(f"mean impact speed ({SPEED})", lambda hits: _seen(SPEED(hits.impact_speed_mean))),
-        row("impacts found by", lambda hits: way_in_words(hits.by)),
-    ]
-
-
-def _count(value: float | None, low: float, high: float) -> str:
-    return NO_HIT if value is None else f"{count_of(value)}\n{count_of(low)} to {count_of(high)}"
-
-
-def _seen(value: float | None) -> str:
-    return NO_HIT if value is None else f"{value:.3g}"
-
-
 def _comparison_grid(review: Review) -> Grid:
     sizing = review.sizing
     places = {"three_sigma": sizing.three_sigma.clearance, "recommended": sizing.clearance.value}
@@ -222,7 +179,6 @@ def _comparison_grid(review: Review) -> Grid:
             *(f"{LENGTH(place):.4g}" for place in places.values()),
         ],
         ["no impact in the mission", "", *(_no_hit(review.chances[name]) for name in places)],
-        *_hit_rows(review),
     ]
     for found in review.comparisons:
         words, quantity, more = ROWS[found.quantity]
@@ -230,9 +186,8 @@ def _comparison_grid(review: Review) -> Grid:
         first = "" if linear is None else f"{quantity(linear):.4g}"
         cells = [with_interval(each, quantity) for each in (found.three_sigma, found.recommended)]
         rows.append([quantity.heading(words, more), first, *cells])
-    sides = "both sides together" if two_sided(sizing.scene) else "one stop"
     return Grid(
-        caption=f"Without and with stops, a column for each clearance; impacts on {sides}",
+        caption="without and with stops, a column for each clearance",
         headings=["", "no stops (linear)", *names_of_places(sizing).values()],
         rows=rows,
     )
@@ -471,127 +426,61 @@ def sizing_page(
     sensitivity: pd.DataFrame | None = None,
 ) -> Page:
     """The page of a sizing; that of one mass needs its review."""
-    number, mission = len(sizing.pairs), spoken_mission(sizing.mission)
+    told, number = sizing_told(sizing, sensitivity), len(sizing.pairs)
     what = f"Clearances of {number} pairs" if sizing.several else "Clearance of an isolated mass"
+    statements = [*told.statements, *_rounded(sizing)]
     if review is None:
-        statements: list[str] = []
-        cards, warnings = pairs_cards(sizing), list(sizing.warnings)
-        first = [pairs_section(sizing), pairs_tolerances_section(sizing)]
-        linear = [
-            gaps_screening_section(sizing.screening), excitations_section(sizing.scene),
-            *box_sections(sizing),
+        cards = pairs_cards(sizing)
+        sections = [
+            screening_section(sizing.screening), excitations_section(sizing.scene),
+            *box_sections(sizing), pairs_gap_section(sizing), _verification(sizing),
         ]  # fmt: skip
-        last = [_verification(sizing), _limits(sizing, OF_PAIRS, sizing.scene.assumptions())]
+        limits = [*sizing.scene.assumptions(), *OF_PAIRS]
     else:
-        statements, cards = _statements(review), _cards(review)
-        warnings = [*_failed_balances(review), *_new_warnings(review)]
-        first = [
-            _risk(review), worst_case_section(review), stops_section(review),
-            hard_hits_section(review), peaks_section(review),
-        ]  # fmt: skip
-        linear = [
+        told = replace(told, warnings=[*_failed_balances(review), *_new_warnings(review)])
+        cards, statements = _cards(review), [*statements, *_worst_statement(review)]
+        sections = [
+            stops_section(review), hard_hits_section(review), peaks_section(review),
             _screening(review), environment_section(review), mount_section(review),
-            gap_section(review),
+            gap_section(review), _verification(sizing, review.balances),
         ]  # fmt: skip
-        last = [
-            _verification(sizing, review.balances),
-            _limits(sizing, OF_ONE_MOUNT, review.assumptions),
-        ]
-    return Page(
-        title=sizing.scene.title or what,
-        subtitle=f"{what} between {'their' if sizing.several else 'its'} stops, for a mission of "
-        f"{mission}",
-        verdict=sentence(sizing.verdict()),
-        statements=[*statements, f"{sentence(sizing.calculated())}{_rounded(sizing)}"],
-        alarm=sizing.doubtful is not None,
-        cards=cards,
-        warnings=warnings,
-        sections=[
-            *first, production_section(sizing.production), *linear,
-            sensitivity_section(sensitivity), *last,
-        ],
-        origin=origin,
-        footer=[
+        limits = [*review.assumptions, *OF_ONE_MOUNT]
+    return page_of(
+        replace(told, statements=statements, footer=()),
+        sizing.scene.title or what,
+        f"{what} between {'their' if sizing.several else 'its'} stops, for a mission of "
+        f"{spoken_mission(sizing.mission)}",
+        cards,
+        origin,
+        sections,
+        [*limits, *STATIONARY],
+        [
             "The folder of this page holds tables in SI units (CSV), with the units in the names "
             "of their columns; size.json holds all numbers of the page.",
         ],
-    )  # fmt: skip
+    )
+
+
+def _rounded(sizing: Sizing) -> list[str]:
+    """How the clearance to make is rounded, in a sentence; none where it was not found."""
+    if sizing.widest is None or sizing.several:
+        return []
+    return [f"The clearance is rounded up to {sizing.widest.step_in_words}"]
 
 
 # Verdict ----------------------------------------------------------------------------------
 
 
-def _statements(review: Review) -> list[str]:
-    """Sentences on the verdict: the line to copy, what the number rests on, expected impacts, and
-    risks at the calculated clearance and at 3 sigma."""
-    lines = [sentence(line) for line in places_of_stops(review.sizing).splitlines()]
-    more = [_hits_statement(review), _risk_statement(review), _worst_statement(review)]
-    return [line for line in [*lines, *more] if line]
-
-
-def _rounded(sizing: Sizing) -> str:
-    """How the clearance to make is rounded, in a sentence; empty where it was not found."""
-    if sizing.widest is None or sizing.several:
-        return ""
-    return f" The clearance is rounded up to {sizing.widest.step_in_words}."
-
-
-def _hits_statement(review: Review) -> str:
-    """Expected impacts in the mission at the recommended clearance, and at 3 sigma."""
-    sizing, mission = review.sizing, spoken_mission(review.sizing.mission)
-    here, there = (review.hits.get(name) for name in ("recommended", "three_sigma"))
-    if here is None:
-        return ""
-    if here.expected is None:
-        text = f"below {count_of(here.expected_high)} impacts (none was seen, or too few)"
-    else:
-        text = (
-            f"{count_of(here.expected)} impacts are expected "
-            f"({count_of(here.expected_low)} to {count_of(here.expected_high)}, 95 %)"
-        )
-    at_three_sigma = ""
-    if there is not None and there.expected is not None:
-        place = spoken_length(sizing.three_sigma.clearance)
-        at_three_sigma = f"; {count_of(there.expected)} at 3 sigma = {place}"
-    return f"In {mission} at {spoken_length(sizing.clearance.value)}: {text}{at_three_sigma}."
-
-
-def _risk_statement(review: Review) -> str:
-    """The probability that the target limits, at the recommended clearance and at 3 sigma."""
-    sizing = review.sizing
-    target, three = sizing.target, sizing.three_sigma
-    mission = spoken_mission(sizing.mission)
-    places = (
-        f"at {spoken_length(sizing.clearance.value)}",
-        f"at 3 sigma = {spoken_length(three.clearance)}",
-    )
-    if target.name == "rate":
-        return ""
-    if target.exceedance is None:
-        here = _chance(review.chances["recommended"].any_hit)
-        there = spoken_percent(three.probability.value)
-        return f"Probability of any impact in {mission}: {here} {places[0]}, {there} {places[1]}."
-    there = exceeding_in_words(review.exceeding.get("three_sigma"))
-    what = target.name.replace("_", " ")
-    same = math.isclose(sizing.clearance.value, three.clearance, rel_tol=1e-3)
-    beside = "" if same else f", {there} {places[1]}"
-    return (
-        f"Probability that any {what} of {mission} exceeds {limit_in_words(target)}: "
-        f"{sizing.kept_chance()} {places[0]}{beside}."
-    )
-
-
-def _worst_statement(review: Review) -> str:
+def _worst_statement(review: Review) -> list[str]:
     """The probability of an impact at the calculated clearance in the worst case, in a sentence."""
     if review.worst is None or review.worst_case is None:
-        return ""
+        return []
     row = review.worst_case.iloc[-1]
-    return (
-        f"{row['change'][0].upper()}{row['change'][1:]} needs "
-        f"{spoken_length(row['clearance'])}; the calculated "
+    return [
+        f"{row['change']} needs {spoken_length(row['clearance'])}; the calculated "
         f"{spoken_length(review.sizing.clearance.value)} is then hit with a probability of "
-        f"{spoken_percent(row['probability'])} in {spoken_mission(review.sizing.mission)}."
-    )
+        f"{spoken_percent(row['probability'])} in {spoken_mission(review.sizing.mission)}"
+    ]
 
 
 def _new_warnings(review: Review) -> list[str]:
@@ -690,7 +579,6 @@ def _chance(probability: float | None) -> str:
 
 def _screening(review: Review) -> Section:
     sizing, linear, more = review.sizing, review.sizing.screening, review.linear
-    three = sizing.three_sigma
     sides = "both sides" if two_sided(sizing.scene) else "one side"
     facts = [
         Fact(
@@ -713,12 +601,10 @@ def _screening(review: Review) -> Section:
             "above it, a cluster follows each impact",
         ),
         *_miles(linear, more),
-        Fact("3 sigma", spoken_length(three.clearance), "per side, three times s_x"),
         Fact(
             "Impacts at 3 sigma by Rice",
-            f"{count_of(three.rice_hits)}",
-            f"in {spoken_mission(sizing.mission)}, {sides}, as if impacts changed nothing; "
             f"{RATE(more.rice_rate_at_three_sigma):.4g} per {RATE.time}",
+            f"{sides}, as if impacts changed nothing",
         ),
         Fact(
             "Expected largest displacement",
@@ -727,9 +613,16 @@ def _screening(review: Review) -> Section:
             "(mean by Davenport's formula)",
         ),
     ]
-    pictures = []
+    pictures = [
+        shown(
+            lambda: plot_hit_rate(review),
+            f"Impacts per {RATE.time} (of all stops) against clearance: by Rice, the rate of first "
+            "impacts, and simulated with the stops.",
+        ),
+    ]
     if review.environment.spectra is not None:
         pictures = [
+            *pictures,
             shown(
                 lambda: plot_cumulative(review),
                 "Share of the mean square of the response below each frequency, without stops.",
@@ -758,54 +651,6 @@ def _miles(linear: Screening, more: LinearMotion) -> list[Fact]:
         else "agrees with the integral"
     )
     return [Fact(name, f"{ACCELERATION.text(linear.miles)} rms", agreement)]
-
-
-def _risk(review: Review) -> Section:
-    sizing = review.sizing
-    rows = [
-        [
-            spoken_percent(row["probability"]),
-            four_digits(LENGTH(row["clearance"])),
-            limits_of(row["clearance_low"], row["clearance_high"]),
-            f"{row['clearance_in_sigma']:.3f}",
-        ]
-        for row in sizing.required.to_dict("records")
-    ]
-    grid = Grid(
-        caption="Clearance per side by the probability of any impact in "
-        f"{spoken_mission(sizing.mission)}",
-        headings=[
-            "probability of any impact",
-            f"clearance ({LENGTH})",
-            "95 % of the calculation",
-            "sigma",
-        ],
-        rows=rows,
-    )
-    pictures = [
-        shown(
-            lambda: plot_risk(sizing, axes_or_new(None, PAGE)),
-            "Probability of any impact in the mission against clearance. "
-            "Dashed: Rice's crossings taken for independent impacts."
-            if sizing.target.exceedance is None
-            else "Probability in the mission that an impact exceeds the limit, against "
-            "clearance, as simulated with the stops; grey: that of any impact.",
-        ),
-        shown(
-            lambda: plot_hit_rate(review),
-            f"Impacts per {RATE.time} (of all stops) against clearance: by Rice, the rate of first "
-            "impacts, and simulated with the stops.",
-        ),
-    ]
-    return Section(
-        title="Required clearance",
-        lead="The probability of any impact depends on the motion without stops alone: "
-        "nothing has been hit before the first impact. Intervals are those of the calculation; "
-        "they leave out what is unknown about the mount and the environment: tolerances are for "
-        "that.",
-        grids=[grid],
-        pictures=pictures,
-    )
 
 
 # Verification, limits --------------------------------------------------------
@@ -854,15 +699,3 @@ STATIONARY = (
 )
 OF_PAIRS = ("Clearances are measured from the static equilibrium.",)
 """Limits of a report: of every one, and of one on several pairs."""
-
-
-def _limits(sizing: Sizing, own: Sequence[str], assumptions: Sequence[str]) -> Section:
-    without = not sizing.varies
-    return Section(
-        title="Limits",
-        lead="Assumptions of this report, and its limits.",
-        notes=[
-            *map(sentence, assumptions), *([sentence(NO_TOLERANCES)] if without else []), *own,
-            *STATIONARY,
-        ],
-    )  # fmt: skip
