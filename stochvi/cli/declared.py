@@ -89,7 +89,9 @@ def command(shares: str, reads: str = "scene", name: str | None = None) -> Any:
     """
 
     def decorate(function: Command) -> Command:
-        words, options = on_page(function.__doc__ or "")
+        if function.__doc__ is None:
+            raise ImportError("commands need their docstrings: start Python without -OO")
+        words, options = on_page(function.__doc__)
         run = common(*shares.split(", "))(function)
         for option in reversed(options):
             run = option(run)

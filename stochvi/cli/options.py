@@ -233,102 +233,83 @@ class Folder(click.Path):
         return super().convert(value, param, ctx)
 
 
-class Units(click.ParamType):  # type: ignore[type-arg]
-    """Units in which answers are shown, separated by commas: "mm, g"."""
+class Words(click.ParamType):  # type: ignore[type-arg]
+    """A value that is read from words; one that is no text stays as it is."""
 
-    name = "units"
+    def __init__(self, name: str, read: Callable[[str], Any]) -> None:
+        self.name, self.read = name, read
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        from stochvi.mathematics.units import units_of
-
+        if not isinstance(value, str):
+            return float(value) if isinstance(value, int) else value
         try:
-            return units_of(value) if isinstance(value, str) else value
+            return self.read(value)
         except ValueError as error:
             raise ValueError(f"{param.opts[0]} {error}") from None
 
 
-class Quantity(click.ParamType):  # type: ignore[type-arg]
+def quantity(name: str) -> Words:
     """A number with a unit of one quantity ("10h", "30 min", "0.5 m/s"); a plain one is in SI."""
 
-    def __init__(self, quantity: str) -> None:
-        self.name = self.quantity = quantity
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+    def read(text: str) -> float:
         from stochvi.mathematics.units import measured
 
-        if isinstance(value, int | float):
-            return float(value)
-        try:
-            return measured(value, self.quantity)
-        except ValueError as error:
-            raise ValueError(f"{param.opts[0]} {error}") from None
+        return measured(text, name)
+
+    return Words(name, read)
 
 
-class Chance(click.ParamType):  # type: ignore[type-arg]
+def _units(text: str) -> Choice:
+    """Units in which answers are shown, separated by commas: "mm, g"."""
+    from stochvi.mathematics.units import units_of
+
+    return units_of(text)
+
+
+def _chance(text: str) -> float:
     """A probability, as 0.01, 1% or 0,1%."""
-
-    name = "chance"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if isinstance(value, int | float):
-            return float(value)
-        number = value.strip().removesuffix("%")
-        try:
-            if re.fullmatch(r"\s*\d*,\d+\s*", number):
-                number = number.replace(",", ".")
-            return float(number) / (100.0 if value.strip().endswith("%") else 1.0)
-        except ValueError:
-            raise ValueError(
-                f"{param.opts[0]} must be a probability such as 0.01 or 1%, got {value!r}"
-            ) from None
+    number = text.strip().removesuffix("%")
+    try:
+        if re.fullmatch(r"\s*\d*,\d+\s*", number):
+            number = number.replace(",", ".")
+        return float(number) / (100.0 if text.strip().endswith("%") else 1.0)
+    except ValueError:
+        raise ValueError(f"must be a probability such as 0.01 or 1%, got {text!r}") from None
 
 
-class Rate(click.ParamType):  # type: ignore[type-arg]
+def _rate(text: str) -> float:
     """A number of events per time: "0.1/h", "2 per min", "5/s"; a plain one is per second."""
+    from stochvi.mathematics.units import measured
 
-    name = "rate"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        from stochvi.mathematics.units import measured
-
-        if isinstance(value, int | float):
-            return float(value)
-        number, per, time = value.replace(" per ", "/").partition("/")
-        try:
-            if per and not time.strip():
-                raise ValueError
-            return float(number) / (measured(f"1 {time}", "time") if per else 1.0)
-        except ValueError:
-            raise ValueError(
-                f"{param.opts[0]} must be a number per second, or with a time as 0.1/h, 2/min or "
-                f"5/s, got {value!r}"
-            ) from None
+    number, per, time = text.replace(" per ", "/").partition("/")
+    try:
+        if per and not time.strip():
+            raise ValueError
+        return float(number) / (measured(f"1 {time}", "time") if per else 1.0)
+    except ValueError:
+        raise ValueError(
+            f"must be a number per second, or with a time as 0.1/h, 2/min or 5/s, got {text!r}"
+        ) from None
 
 
-class Formats(click.ParamType):  # type: ignore[type-arg]
+def _formats(text: str) -> frozenset[str]:
     """Forms of files, separated by commas: "mat,pdf"."""
+    from stochvi.views.files import FORMATS
 
-    name = "formats"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        from stochvi.views.files import FORMATS
-
-        if isinstance(value, frozenset):
-            return value
-        found = frozenset(each.strip().lower() for each in value.split(",") if each.strip())
-        if unknown := sorted(found - set(FORMATS)):
-            raise ValueError(f"--formats must be of {', '.join(FORMATS)}, got {unknown[0]!r}")
-        return found
+    found = frozenset(each.strip().lower() for each in text.split(",") if each.strip())
+    if unknown := sorted(found - set(FORMATS)):
+        raise ValueError(f"must be of {', '.join(FORMATS)}, got {unknown[0]!r}")
+    return found
 
 
-TIME, SPEED, CHANCE, RATE = Quantity("time"), Quantity("speed"), Chance(), Rate()
-FREQUENCY = Quantity("frequency")
+TIME, SPEED = quantity("time"), quantity("speed")
+CHANCE, RATE = Words("chance", _chance), Words("rate", _rate)
 
 KINDS = {
-    "int": int, "float": float, "text": str, "time": TIME, "speed": SPEED, "probability": CHANCE,
-    "rate": RATE, "frequency": FREQUENCY, "force": Quantity("force"), "length": Quantity("length"),
-    "units": Units(), "formats": Formats(), "folder": Folder(path_type=Path),
-    "path": click.Path(path_type=Path),
+    "int": int, "float": float, "time": TIME, "speed": SPEED, "probability": CHANCE, "rate": RATE,
+    "frequency": quantity("frequency"), "force": quantity("force"), "length": quantity("length"),
+    "units": Words("units", _units), "formats": Words("formats", _formats),
+    "folder": Folder(path_type=Path), "path": click.Path(path_type=Path),
 }  # fmt: skip
 """Kinds of values by the words that name them on a page."""
 
