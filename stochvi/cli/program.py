@@ -158,15 +158,57 @@ COMMAND_LINE = "stochvi.command_line"
 """Key of the command line in the data (`meta`) that the contexts of click share."""
 
 
+HELP = {
+    "A system between its stops": (
+        "new", "explain", "screen", "size", "reliability", "replay", "damage", "clearance", "sweep",
+        "absorber", "identify", "profiles",
+    ),
+    "Its motion": ("simulate", "impacts", "spectrum", "history", "sine"),
+    "Methods and their agreement": (
+        "exact, fokker-planck, first-passage, linearise, average", "check, cost, judge, problems",
+        "demo, schema",
+    ),
+}  # fmt: skip
+"""Lines of the help of the program under their headings, each of a command or several."""
+
+WORDS = {
+    "sine": "Find all periodic motions under a sine, and jumps; also sine basins, sine "
+    "bifurcation, sine lifetimes, sine jolts and sine stability.",
+    "exact, fokker-planck, first-passage, linearise, average": "Solve a scene by theory.",
+    "check, cost, judge, problems": "Compare methods, measure what accuracy costs, and judge other "
+    "programs.",
+    "demo, schema": "Run a textbook case; print the JSON Schema of scenes or answers.",
+}
+"""Words of lines of the help that are not those of one command."""
+
+UNDER_SINE = {
+    "basins": "basins", "bifurcation": "bifurcation", "lifetimes": "lifetimes", "jolts": "jolt",
+    "stability": "stability",
+}  # fmt: skip
+"""Commands by their names after `sine`; a scene of such a name is ./basins."""
+
+
 class Commands(click.Group):
     """A group that turns every expected error into one sentence on stderr and its exit code."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
 
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The commands by what a user does, the theory and the judging in a line each."""
+        for heading, lines in HELP.items():
+            known = [self.commands.get(line) for line in lines]
+            own = [each.get_short_help_str(formatter.width) if each else "" for each in known]
+            with formatter.section(heading):
+                formatter.write_dl(
+                    [(line, WORDS.get(line, words)) for line, words in zip(lines, own, strict=True)]
+                )
+
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Keep the words of the command line, which reports state."""
+        """Keep the words of the command line, which reports state; "sine basins" is `basins`."""
         ctx.meta[COMMAND_LINE] = shlex.join(["stochvi", *args])
+        if args[:1] == ["sine"] and args[1:] and args[1] in UNDER_SINE:
+            args = [UNDER_SINE[args[1]], *args[2:]]
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:

@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stochvi.cli import main
+from stochvi.cli import main, program
 from stochvi.cli.options import Common
 from stochvi.methods.closed_form import exact
 from stochvi.model.model import model_of
@@ -497,6 +497,36 @@ def test_nothing_heavy_is_imported_before_it_is_needed(program: str):
         start = f"import sys; from stochvi.cli import main; main({words}, standalone_mode=False)"
     done = python("-c", f"{start}; print(sorted({HEAVY} & set(sys.modules)), file=sys.stderr)")
     assert (done.returncode, done.stderr) == (0, "[]\n")
+
+
+MOST_LINES = 20
+"""Largest number of lines that the help of the program gives to commands."""
+
+
+def in_help(text: str) -> list[str]:
+    """The commands that the help of the program names at the left, in its order."""
+    lines = [line[2:].split("  ")[0] for line in text.splitlines() if line.startswith("  ")]
+    return [name for line in lines for name in line.strip().split(", ") if name in main.commands]
+
+
+def test_the_help_names_each_command_in_few_lines(stochvi: Run, monkeypatch: pytest.MonkeyPatch):
+    after_sine = set(program.UNDER_SINE.values())
+    assert {*in_help(stochvi("--help").out)} | after_sine == {*main.commands}
+    assert sum(map(len, program.HELP.values())) <= MOST_LINES
+    monkeypatch.setitem(main.commands, "unnamed", main.commands["size"])
+    assert "unnamed" not in in_help(stochvi("--help").out)
+
+
+def test_motions_under_a_sine_are_also_asked_after_sine(
+    stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    for name, command in program.UNDER_SINE.items():
+        assert stochvi("sine", name, "--help") == stochvi(command, "--help")
+    shutil.copy(shipped_scene("isolator-sine"), "basins")
+    asked = ("--from", "60", "--to", "120", "--points", "3")
+    assert stochvi("sine", "./basins", *asked).code == 0
+    assert stochvi("sine", "basins", *asked).code == 2
 
 
 def test_python_m_stochvi_is_the_command():

@@ -1,9 +1,46 @@
 """Numbers with units on the command line: times, lengths, speeds, accelerations."""
 
+import click
 import pytest
 
-from stochvi.cli.options import CHANCE, RATE, SPEED, TIME, acceleration, barriers, lengths, numbers
+from stochvi.cli.options import (
+    CHANCE,
+    RATE,
+    SPEED,
+    TIME,
+    acceleration,
+    barriers,
+    lengths,
+    numbers,
+    on_page,
+)
 from support.commands import ISOLATOR, Run, one_document, refused
+
+
+def test_a_page_states_help_and_options() -> None:
+    words, decorate = on_page("""Find it.
+
+    --flag  Whether it is.
+    --way a|b as method = a  How it is found,
+        in two lines.
+    --time TIME (time, needed)  When.
+    --level (float) := 2  Hidden default.
+    """)
+    command = click.Command("find", params=[])
+    for each in reversed(decorate):
+        each(command)
+    flag, way, time, level = command.params[::-1]
+    assert words.strip() == "Find it."
+    assert (flag.is_flag, way.is_flag, way.type.choices) == (True, False, ("a", "b"))
+    assert (way.name, way.default, way.help) == ("method", "a", "How it is found, in two lines.")
+    assert (time.metavar, time.required, time.type) == ("TIME", True, TIME)
+    assert (way.show_default, level.show_default, level.default) == (True, False, "2")
+
+
+@pytest.mark.parametrize("line", ["--x (colour)  Help.", "--X  Help.", "--x as  Help."])
+def test_what_is_no_line_of_an_option_is_an_error(line: str) -> None:
+    with pytest.raises((ValueError, KeyError)):
+        on_page(line)
 
 
 @pytest.mark.parametrize(
