@@ -85,7 +85,7 @@ def plot(found: Result, ax: Axes | None = None) -> Axes:
 
     Where a figure has several panels, `ax` gets the first of them.
     """
-    drawn: Axes = _named(view_of(found).plot)(found, ax)
+    drawn: Axes = function_of(view_of(found).plot)(found, ax)
     return drawn
 
 
@@ -482,11 +482,11 @@ class View(NamedTuple):
 
     def tell(self, console: Console, found: Any, **words: Any) -> None:
         """Print an answer; `words` are for its printer alone."""
-        _named(self.told)(console, found, **words)
+        function_of(self.told)(console, found, **words)
 
     def draw(self, found: Any, title: str) -> Axes:
         """The picture of an answer in a folder, under the title of its scene."""
-        drawn: Axes = _named(self.drawn or self.plot)(found, *[title] * self.titled)
+        drawn: Axes = function_of(self.drawn or self.plot)(found, *[title] * self.titled)
         return drawn
 
 
@@ -498,7 +498,7 @@ def view_of(found: Any) -> View:
     raise NotImplementedError(f"there is no picture of {type(found).__name__}; use to_frame()")
 
 
-def _named(place: str) -> Any:
+def function_of(place: str) -> Any:
     """The function of this room that "file:name" names."""
     file, _, name = place.partition(":")
     return getattr(import_module(f"stochvi.views.{file}"), name)

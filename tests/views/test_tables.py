@@ -14,7 +14,7 @@ from rich.console import Console
 from stochvi import Response, Scene, average, check, explain, fokker_planck, linearise, load_scene
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.views.axes import as_written
-from stochvi.views.pictures import print_response
+from stochvi.views.pictures import VIEWS, function_of, print_response, view_of
 from stochvi.views.tables import print_frame
 from stochvi.views.verification import print_check, print_explanation
 
@@ -111,3 +111,17 @@ def test_a_logarithmic_axis_shows_its_lines_and_not_the_zero_of_a_band() -> None
     as_written(ax)
     low, high = ax.get_ylim()
     assert 1e-11 < low < 1e-9 and 1e5 < high < 1e7
+
+
+@pytest.mark.parametrize("name", VIEWS)
+def test_what_the_view_of_an_answer_names_is_there(name: str) -> None:
+    view = VIEWS[name]
+    for place in filter(None, (view.plot, view.told, view.drawn)):
+        assert callable(function_of(place))
+
+
+def test_a_view_of_nothing_is_noticed() -> None:
+    with pytest.raises(AttributeError):
+        function_of("pictures:print_nothing")
+    with pytest.raises(NotImplementedError, match="no picture of int"):
+        view_of(1)
