@@ -56,12 +56,13 @@ class Stated(NamedTuple):
     unit: str
 
 
-def stated(words: str, unit: str = "1") -> Any:
-    """A field for a number of an answer, None where it is not known, with its words and SI unit.
+def stated(words: str, unit: str = "1", default: Any = None) -> Any:
+    """A field for a number of an answer with its words and SI unit; by default None, where it is
+    not known, and with `MISSING` always given.
 
     Tables, files and pages take both from here.
     """
-    return field(default=None, metadata={"stated": Stated(words, unit)})
+    return field(default=default, metadata={"stated": Stated(words, unit)})
 
 
 @cache

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -25,7 +25,7 @@ from stochvi.methods.monte_carlo.choose_plan import (
 from stochvi.methods.monte_carlo.plan import Histories, Plan
 from stochvi.methods.monte_carlo.white import WhitePlan
 from stochvi.model.model import Model, Pair
-from stochvi.results.base import ROTATIONS, Quantities, Result
+from stochvi.results.base import ROTATIONS, Quantities, Result, stated
 from stochvi.results.errors import MOST_NUMBERS, NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.sampling.calculations import calculation, check_options
@@ -251,13 +251,13 @@ class CoordinateHistory(Numbers):
         samples have no acceleration.
     """
 
-    displacement_mean: float
-    displacement_std: float
-    displacement_min: float
-    displacement_max: float
-    velocity_std: float
-    acceleration_std: float | None = None
-    acceleration_max: float | None = None
+    displacement_mean: float = stated("mean displacement", "m", MISSING)
+    displacement_std: float = stated("standard deviation of displacement", "m", MISSING)
+    displacement_min: float = stated("smallest displacement", "m", MISSING)
+    displacement_max: float = stated("largest displacement", "m", MISSING)
+    velocity_std: float = stated("standard deviation of velocity", "m/s", MISSING)
+    acceleration_std: float | None = stated("standard deviation of acceleration", "m/s^2")
+    acceleration_max: float | None = stated("largest size of the acceleration", "m/s^2")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -273,10 +273,10 @@ class PairHistory(Numbers):
         Largest impact speed, m/s; None without an impact.
     """
 
-    hits: float
-    hits_lower: float | None = None
-    hits_upper: float | None = None
-    impact_speed_max: float | None = None
+    hits: float = stated("impacts", "", MISSING)
+    hits_lower: float | None = stated("impacts on the lower stop", "")
+    hits_upper: float | None = stated("impacts on the upper stop", "")
+    impact_speed_max: float | None = stated("largest impact speed", "m/s")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -23,7 +23,7 @@ from stochvi.mathematics.units import (
     TIME,
     shown_as,
 )
-from stochvi.results.base import ROTATIONS, Response, in_angles
+from stochvi.results.base import ROTATIONS, Response, in_angles, quantities_of
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.views.axes import (
@@ -271,39 +271,25 @@ BLOCK_WIDTH = 0.16
 ANIMATION_DPI = 80
 """Resolution of an animation, dots per inch: a few megabytes at most."""
 
-SHOWN = {
-    "displacement_mean": ("mean displacement", "m"),
-    "displacement_std": ("standard deviation of displacement", "m"),
-    "displacement_min": ("smallest displacement", "m"),
-    "displacement_max": ("largest displacement", "m"),
-    "velocity_std": ("standard deviation of velocity", "m/s"),
-    "acceleration_std": ("standard deviation of acceleration", "m/s^2"),
-    "acceleration_max": ("largest size of the acceleration", "m/s^2"),
-    "hits": ("impacts", ""),
-    "hits_lower": ("impacts on the lower stop", ""),
-    "hits_upper": ("impacts on the upper stop", ""),
-    "impact_speed_max": ("largest impact speed", "m/s"),
-}
-"""Quantities that a terminal shows, in words, and their SI units."""
-
 
 def history_told(found: History) -> Told:
     """The quantities of the history, and the meanings of the columns of its table."""
-    rows = [
-        (owner, SHOWN[name][0], shown_as(in_angles(owner, SHOWN[name][1])), value)
-        for group in (found.coordinates, found.impact_pairs)
-        for owner, numbers in group.items()
-        for name, value in numbers.items()
-    ]
-    columns = {
-        "of": lambda owner, *_: owner,
-        "quantity": lambda _, words, quantity, __: quantity.heading(words),
-        "value": lambda _, __, quantity, value: f"{quantity(value):.5g}",
-    }
+    rows = []
+    for group in (found.coordinates, found.impact_pairs):
+        for owner, numbers in group.items():
+            known = quantities_of(type(numbers))
+            for name, value in numbers.items():
+                quantity = shown_as(in_angles(owner, known[name].unit))
+                words = quantity.heading(known[name].words)
+                rows.append([owner, words, f"{quantity(value):.5g}"])
+    table = Grid(
+        caption="one realisation, which has no standard error",
+        headings=["of", "quantity", "value"],
+        rows=rows,
+        words=2,
+    )
     return told_of(
-        found,
-        Grid.by("one realisation, which has no standard error", columns, rows, 2),
-        [f"{name}: {meaning}" for name, meaning in found.meanings.items()],
+        found, [table], [f"{name}: {meaning}" for name, meaning in found.meanings.items()]
     )
 
 

@@ -12,18 +12,17 @@ import numpy as np
 from scipy.special import ndtri
 
 from stochvi.mathematics.units import (
-    ACCELERATION,
     DENSITY,
     FORCE,
     LENGTH,
     MILLIRADIANS,
     MILLISECONDS,
-    NUMBER,
     SPEED,
     TIME,
+    readable,
     shown_as,
 )
-from stochvi.results.base import ROTATIONS, of_angle
+from stochvi.results.base import ROTATIONS, of_angle, quantities_of
 from stochvi.results.estimates import format_with_error
 from stochvi.verification.check import (
     AGREES,
@@ -679,20 +678,6 @@ MOST_SPEEDS, MOST_MOTIONS = 6, 3
 DECADES = 1e6
 """Largest over smallest density that a waterfall tells apart."""
 
-ROWS = {
-    "displacement_max": ("largest displacement", LENGTH),
-    "displacement_min": ("smallest displacement", LENGTH),
-    "displacement_std": ("standard deviation of displacement", LENGTH),
-    "displacement_kurtosis": ("kurtosis of the displacement", NUMBER),
-    "acceleration_max": ("largest absolute acceleration", ACCELERATION),
-    "hits": ("impacts", NUMBER),
-    "impact_speed_max": ("largest impact speed", SPEED),
-    "peak_force": ("largest force of a stop", FORCE),
-    "contact_time": ("time in contact", TIME),
-    "rests": ("times at rest on a stop", NUMBER),
-}
-"""Quantities of a replay in words."""
-
 
 def replay_told(found: Replay, record: RecordVerdict | None) -> Told:
     """The clearance that the record itself needs, where it is known, and the motion and impacts."""
@@ -729,17 +714,16 @@ def _replay_grid(found: Replay) -> Grid:
     rows = []
     for group in ("coordinates", "impact_pairs"):
         for owner, quantities in getattr(found.clearances[0], group).items():
-            for name, _ in quantities.items():
+            for name, known in quantities_of(quantities.__class__).items():
                 values = [getattr(each, group)[owner][name] for each in found.clearances]
-                # the speed of no impact and the force of a rigid stop are not known
-                if name not in ROWS or all(value is None for value in values):
-                    continue
-                words, quantity = ROWS[name][0], of_angle(owner, ROWS[name][1])
+                if all(value is None for value in values):
+                    continue  # the speed of no impact, the force of a rigid stop
+                quantity = of_angle(owner, readable(known.unit))
                 row = ["none" if v is None else f"{quantity(float(v)):.4g}" for v in values]
                 if biased:
                     bias = values[0].bias
                     row.append(UNKNOWN if bias is None else f"{quantity(bias):.2g}")
-                rows.append([f"{owner}: {quantity.heading(words)}", *row])
+                rows.append([f"{owner}: {quantity.heading(known.words)}", *row])
     headings = [
         "as in the scene" if each.clearance is None else f"at {spoken_length(each.clearance)}"
         for each in found.clearances

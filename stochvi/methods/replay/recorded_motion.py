@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, replace
 from dataclasses import replace as changed
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, Self
 
@@ -34,7 +34,7 @@ from stochvi.model.coverage import (
     rubbing,
 )
 from stochvi.model.model import Model, Pair, Stop, inertia_of, model_of
-from stochvi.results.base import Quantities, Result, of_angle
+from stochvi.results.base import Quantities, Result, of_angle, stated
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import MOST_NUMBERS, NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
@@ -93,12 +93,12 @@ class CoordinateReplay(_OfReplay):
         Largest size of the absolute acceleration, m/s^2; with rigid stops, between the impacts.
     """
 
-    displacement_max: Estimate
-    displacement_min: Estimate
+    displacement_max: Estimate = stated("largest displacement", "m", MISSING)
+    displacement_min: Estimate = stated("smallest displacement", "m", MISSING)
     displacement_mean: Estimate
-    displacement_std: Estimate
-    displacement_kurtosis: Estimate | None
-    acceleration_max: Estimate
+    displacement_std: Estimate = stated("standard deviation of displacement", "m", MISSING)
+    displacement_kurtosis: Estimate | None = stated("kurtosis of the displacement", "", MISSING)
+    acceleration_max: Estimate = stated("largest absolute acceleration", "m/s^2", MISSING)
 
     def reach(self, name: str) -> str:
         """The smallest and the largest displacement, in words, of a coordinate of this name."""
@@ -126,14 +126,14 @@ class PairReplay(_OfReplay):
         Number of times that the mass came to rest on a rigid stop.
     """
 
-    hits: Estimate
+    hits: Estimate = stated("impacts", "", MISSING)
     hits_lower: Estimate | None
     hits_upper: Estimate | None
-    impact_speed_max: Estimate | None
+    impact_speed_max: Estimate | None = stated("largest impact speed", "m/s", MISSING)
     impact_speed_mean: Estimate | None
-    peak_force: Estimate | None
-    contact_time: Estimate
-    rests: Estimate
+    peak_force: Estimate | None = stated("largest force of a stop", "N", MISSING)
+    contact_time: Estimate = stated("time in contact", "s", MISSING)
+    rests: Estimate = stated("times at rest on a stop", "", MISSING)
 
     def with_bias(self, coarse: Mapping[str, Estimate | None], step: float) -> Self:
         found = super().with_bias(coarse, step)
