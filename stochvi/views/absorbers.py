@@ -4,7 +4,7 @@ under a sine; pages; pictures."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -577,21 +577,10 @@ def _footer(cost: Cost) -> list[str]:
 def draw_levels(found: AbsorberReport, ax: Axes | None = None) -> Axes:
     """rms ratio against level, with 95 % intervals."""
     ax = axes_or_new(ax, SIZE)
-    levels = [each.level_db for each in found.performances]
-    ratios = np.array([each.ratio.value for each in found.performances])
-    low, high = np.array([each.interval() for each in found.performances]).T
-    ax.errorbar(
-        levels, ratios, yerr=[ratios - low, high - ratios], fmt="o-", capsize=3,
-        color=COLOURS["simulate"],
-    )  # fmt: skip
-    ax.axhline(1.0, color=COLOURS["stop"], linestyle="--", linewidth=1.0)
-    ax.text(levels[0], 1.0, "no absorber", va="bottom", color=COLOURS["stop"])
+    levels = np.array([each.level_db for each in found.performances])
+    limits = [(each.ratio.value, *each.interval()) for each in found.performances]
     ax.set_xlabel("level of the excitation (dB)")
-    ax.set_ylabel(RATIO_LABEL)
-    ax.set_ylim(0.0, max(1.1, 1.05 * float(high.max())))
-    _draw_tuned(ax, found.tuned_damper)
-    ax.set_title(f"absorber of {100.0 * found.mass_ratio:.3g} % of the mass")
-    return ax
+    return _draw_ratios(ax, found, levels, limits)
 
 
 def draw_plays(found: AbsorberReport, ax: Axes | None = None) -> Axes:
@@ -603,17 +592,24 @@ def draw_plays(found: AbsorberReport, ax: Axes | None = None) -> Axes:
     unit, name = length_unit(max(known)) if known else (1.0, "")
     plays = np.array(known) / unit if known else np.array([each.play_factor for each in curve])
     own = float(np.interp(1.0, [each.play_factor for each in curve], plays))
-    ratios = np.array([each.ratio.value for each in curve])
-    low, high = np.array([(each.low, each.high) for each in curve]).T
-    ax.errorbar(
-        plays, ratios, yerr=[ratios - low, high - ratios], fmt="o-", capsize=3,
-        color=COLOURS["simulate"],
-    )  # fmt: skip
     ax.axvline(own, color=COLOURS["stop"], linestyle=":", linewidth=1.0)
     ax.text(own, 0.02, " this box", color=COLOURS["stop"])
-    ax.axhline(1.0, color=COLOURS["stop"], linestyle="--", linewidth=1.0)
-    ax.text(plays[0], 1.0, "no absorber", va="bottom", color=COLOURS["stop"])
     ax.set_xlabel(f"total play of the box ({name})" if known else "play over that of the scene")
+    limits = [(each.ratio.value, each.low, each.high) for each in curve]
+    return _draw_ratios(ax, found, plays, limits)
+
+
+def _draw_ratios(
+    ax: Axes, found: AbsorberReport, x: Vector, limits: Sequence[tuple[float, float, float]]
+) -> Axes:
+    """Ratios with their 95 % limits, beside those without absorber and of a tuned damper."""
+    ratios, low, high = np.array(limits).T
+    ax.errorbar(
+        x, ratios, yerr=[ratios - low, high - ratios], fmt="o-", capsize=3,
+        color=COLOURS["simulate"],
+    )  # fmt: skip
+    ax.axhline(1.0, color=COLOURS["stop"], linestyle="--", linewidth=1.0)
+    ax.text(x[0], 1.0, "no absorber", va="bottom", color=COLOURS["stop"])
     ax.set_ylabel(RATIO_LABEL)
     ax.set_ylim(0.0, max(1.1, 1.05 * float(high.max())))
     _draw_tuned(ax, found.tuned_damper)

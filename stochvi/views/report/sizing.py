@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from stochvi.isolators.sizing.answer import two_sided
 from stochvi.mathematics.units import (
@@ -25,7 +25,17 @@ from stochvi.results.estimates import GAUSSIAN_95, spoken_percent
 from stochvi.results.files import Origin, origin_of
 from stochvi.views.files import try_picture, write_table
 from stochvi.views.isolator_tables import screening_section, sizing_told
-from stochvi.views.pages import Fact, Grid, Page, Picture, Section, page_of, shown, write_page
+from stochvi.views.pages import (
+    Fact,
+    Grid,
+    Page,
+    Picture,
+    Section,
+    page_of,
+    records,
+    shown,
+    write_page,
+)
 from stochvi.views.report.sections import (
     box_sections,
     environment_section,
@@ -63,13 +73,10 @@ from stochvi.views.tables import (
 if TYPE_CHECKING:
     import pandas as pd
 
-    from stochvi.isolators.screening import Screening
     from stochvi.isolators.sizing.answer import Sizing, Target
     from stochvi.isolators.sizing.review import (
         Balance,
         Chance,
-        Exceeding,
-        LinearMotion,
         MotionBetweenStops,
         Review,
     )
@@ -115,9 +122,6 @@ def stops_section(review: Review) -> Section:
     title, motion = "With stops", review.motion
     if motion is None:
         return Section(title=title)
-    grids = [_comparison_grid(review)]
-    if motion.impacts is not None:
-        grids.append(_impacts_grid(motion, motion.impacts))
     notes = [
         f"Pictures and percentiles: a path of {motion.duration:.4g} s, {motion.hits} impacts; "
         f"kurtosis of its displacement {motion.kurtosis:.2f} (3 without stops).",
@@ -137,7 +141,7 @@ def stops_section(review: Review) -> Section:
         title=title,
         lead="Simulated with the law of the stops; 95 % intervals below the values. Rms "
         "values hide impacts; speeds and peaks show them.",
-        grids=grids,
+        grids=[_comparison_grid(review), *_percentiles(motion)],
         pictures=_pictures(review, motion),
         notes=notes,
     )
@@ -201,38 +205,36 @@ def _no_hit(chance: Chance) -> str:
     return spoken_percent(chance.no_hit)
 
 
-def _impacts_grid(motion: MotionBetweenStops, impacts: pd.DataFrame) -> Grid:
+def _percentiles(motion: MotionBetweenStops) -> list[Grid]:
     """Percentiles of impact speed and, for compliant stops, the peaks that they cause."""
-    headings = ["share of impacts slower than it", f"impact speed ({SPEED})"]
-    caption = f"Impacts with stops at 3 sigma, {count_of(motion.hits)} of them"
-    columns = [
-        [f"{percentile:g} %" for percentile in impacts["percentile"]],
-        [f"{speed:.3g}" for speed in SPEED(impacts["impact_speed"])],
-    ]
-    if "peak_acceleration" in impacts:
-        caption += "; peaks by mount and stop together, the base at rest meanwhile, harder side"
-        for words, name, quantity in (
-            ("peak acceleration", "peak_acceleration", ACCELERATION),
-            ("deflection", "deflection", LENGTH),
-            ("contact", "contact_time", MILLISECONDS),
-        ):
-            headings.append(quantity.heading(words))
-            columns.append([f"{quantity(value):.3g}" for value in impacts[name]])
-    return Grid(caption=caption, headings=headings, rows=list(zip(*columns, strict=True)))
+    if motion.impacts is None:
+        return []
+    compliant = "peak_acceleration" in motion.impacts
+    peaks = "; peaks by mount and stop together, the base at rest meanwhile, harder side"
+    grids = Grid.by(
+        f"impacts with stops at 3 sigma, {count_of(motion.hits)} of them"
+        + (peaks if compliant else ""),
+        {
+            "share of impacts slower than it": lambda row: f"{row['percentile']:g} %",
+            f"impact speed ({SPEED})": _digits("impact_speed", SPEED),
+            f"peak acceleration ({ACCELERATION})": _digits("peak_acceleration", ACCELERATION),
+            f"deflection ({LENGTH})": _digits("deflection", LENGTH),
+            f"contact ({MILLISECONDS})": _digits("contact_time", MILLISECONDS),
+        },
+        records(motion.impacts),
+    )
+    return [grid.known() for grid in grids]
+
+
+def _digits(name: str, quantity: ShownQuantity) -> Callable[[Mapping[str, Any]], str | None]:
+    """The cell with three digits of a column that not every table has."""
+    return lambda row: f"{quantity(row[name]):.3g}" if name in row else None
 
 
 def limit_in_words(target: Target) -> str:
     """The limit of a target: an acceleration in g, a speed in m/s, unless units are chosen."""
     limited = target.exceedance is not None
     return target.in_g if limited and not is_speed(target.name) else target.limit
-
-
-def exceeding_in_words(found: Exceeding | None) -> str:
-    """A probability of exceeding a limit with its 95 % interval."""
-    if found is None or found.probability is None or found.low is None or found.high is None:
-        return UNKNOWN
-    interval = f"{spoken_percent(found.low)} to {spoken_percent(found.high)}, 95 %"
-    return f"{spoken_percent(found.probability)} ({interval})"
 
 
 def hard_hits_section(review: Review) -> Section:
@@ -242,18 +244,14 @@ def hard_hits_section(review: Review) -> Section:
         return Section(title=title)
     peak = not is_speed(table["event"].iloc[0])
     what, quantity = ("peak acceleration", ACCELERATION) if peak else ("impact speed", SPEED)
-    marks = sorted(set(table.loc[table["mark"], "limit"]))
-    rows = []
-    for clearance in sorted(set(table["clearance"])):
-        found = table[table["clearance"] == clearance]
-        chances = {
-            row["limit"]: f"{spoken_percent(row['probability'])}\n"
-            f"{spoken_percent(row['probability_low'])} to {spoken_percent(row['probability_high'])}"
-            for row in found[found["mark"]].to_dict("records")
-        }
-        rows.append(
-            [four_digits(LENGTH(clearance)), *(chances.get(mark, UNKNOWN) for mark in marks)]
-        )
+    marked = table[table["mark"]].sort_values(["clearance", "limit"])
+    cells = {
+        (
+            four_digits(LENGTH(row["clearance"])), f"above {quantity.text(row['limit'], '.3g')}",
+        ): f"{spoken_percent(row['probability'])}\n"
+        f"{spoken_percent(row['probability_low'])} to {spoken_percent(row['probability_high'])}"
+        for row in marked.to_dict("records")
+    }  # fmt: skip
     mission = spoken_mission(review.sizing.mission)
     return Section(
         title=title,
@@ -261,16 +259,11 @@ def hard_hits_section(review: Review) -> Section:
         f"{with_article(what)} above a limit, with the law of the stops; 95 % intervals below. "
         "Clusters of impacts were simulated with fast first impacts drawn more often and "
         "weighted; where clusters follow without a pause, the whole motion.",
-        grids=[
-            Grid(
-                caption=f"Probability in {mission} that the largest {what} exceeds a limit",
-                headings=[
-                    f"clearance ({LENGTH})",
-                    *(f"above {quantity.text(mark, '.3g')}" for mark in marks),
-                ],
-                rows=rows,
-            )
-        ],
+        grids=Grid.across(
+            f"probability in {mission} that the largest {what} exceeds a limit",
+            f"clearance ({LENGTH})",
+            cells,
+        ),
         pictures=[
             shown(
                 lambda: plot_exceedances(review),
@@ -279,7 +272,7 @@ def hard_hits_section(review: Review) -> Section:
             ),
             shown(
                 lambda: plot_exceedances_over_clearance(review),
-                f"The same against clearance, for {len(marks)} limits.",
+                f"The same against clearance, for {marked['limit'].nunique()} limits.",
             ),
         ],
     )
@@ -292,31 +285,21 @@ def peaks_section(review: Review) -> Section:
         return Section(title=title)
     own = table[table["stiffness_ratio"].isna()]
     names = names_of_places(review.sizing).values()
-    rows = [
-        [
-            name,
-            four_digits(LENGTH(row["clearance"])),
-            f"{ACCELERATION(row['acceleration_rms']):.4g}\n"
-            f"± {_half(row['acceleration_rms_error'])}",
-            f"{row['rms_amplification']:.3f}",
-            f"{ACCELERATION(row['largest_acceleration']):.3g}\n"
-            f"± {_half(row['largest_acceleration_error'])}",
-            f"{row['peak_amplification']:.3g}",
-        ]
-        for name, row in zip(names, own.to_dict("records"), strict=True)
-    ]
-    grid = Grid(
-        caption="Absolute acceleration with the forces of the stops. Largest: mean over windows "
+    largest = f"largest in {review.peak_window:g} s"
+    grids = Grid.by(
+        "absolute acceleration with the forces of the stops. Largest: mean over windows "
         f"of {review.peak_window:g} s; probabilities of the largest of the mission stand above",
-        headings=[
-            "stops at",
-            f"clearance ({LENGTH})",
-            f"{ACCELERATION} rms",
-            "ratio to no stops",
-            f"largest in {review.peak_window:g} s, mean ({ACCELERATION})",
-            "ratio to no stops",
-        ],
-        rows=rows,
+        {
+            "stops at": lambda name, _: name,
+            f"clearance ({LENGTH})": lambda _, row: four_digits(LENGTH(row["clearance"])),
+            f"rms ({ACCELERATION})": lambda _, row: _with_half(row, "acceleration_rms", ".4g"),
+            "rms over that without stops": lambda _, row: f"{row['rms_amplification']:.3f}",
+            f"{largest} ({ACCELERATION})": lambda _, row: _with_half(
+                row, "largest_acceleration", ".3g"
+            ),
+            "largest over that without stops": lambda _, row: f"{row['peak_amplification']:.3g}",
+        },
+        zip(names, own.to_dict("records"), strict=True),
     )
     missing = int((table["windows"] == 0.0).sum())
     pictures = []
@@ -332,7 +315,7 @@ def peaks_section(review: Review) -> Section:
     return Section(
         title=title,
         lead="An rms value hides impacts: a few change it little, and multiply the peak.",
-        grids=[grid],
+        grids=grids,
         pictures=pictures,
         notes=[
             f"{missing} of {len(table)} cases of other stops were not simulated: the budget ended"
@@ -342,19 +325,16 @@ def peaks_section(review: Review) -> Section:
     )
 
 
-def _half(standard_error: float) -> str:
-    """Half of the 95 % interval of an acceleration."""
-    return f"{ACCELERATION(GAUSSIAN_95 * standard_error):.1g}"
+def _with_half(row: Mapping[str, Any], name: str, form: str) -> str:
+    """An acceleration with half of its 95 % interval."""
+    half = ACCELERATION(GAUSSIAN_95 * row[f"{name}_error"])
+    return f"{ACCELERATION(row[name]):{form}} ± {half:.1g}"
 
 
 # ------------------------------------------------------------------------------
 # The report of a sizing of one mass or of several pairs: a page for a design review, with files of
 # its tables and numbers.
 # ------------------------------------------------------------------------------
-
-
-NOTABLE_MILES_ERROR = 0.01
-"""Relative error of Miles' equation from which on the report states it."""
 
 
 def write_report(
@@ -578,29 +558,10 @@ def _chance(probability: float | None) -> str:
 
 
 def _screening(review: Review) -> Section:
-    sizing, linear, more = review.sizing, review.sizing.screening, review.linear
+    sizing, more = review.sizing, review.linear
+    screened = screening_section(sizing.screening)
     sides = "both sides" if two_sided(sizing.scene) else "one side"
     facts = [
-        Fact(
-            "Relative displacement, s_x",
-            f"{spoken_length(linear.displacement_std)} rms",
-            "without stops",
-        ),
-        Fact("Relative velocity, s_v", f"{SPEED.text(linear.velocity_std)} rms"),
-        *(
-            []
-            if linear.acceleration_std is None
-            else [
-                Fact("Absolute acceleration", f"{ACCELERATION.text(linear.acceleration_std)} rms")
-            ]
-        ),
-        Fact(
-            "Zero up-crossings",
-            f"{linear.zero_crossing_rate or 0.0:.4g} Hz",
-            f"natural frequency {review.mount.natural_frequency_hz:.4g} Hz; where they are far "
-            "above it, a cluster follows each impact",
-        ),
-        *_miles(linear, more),
         Fact(
             "Impacts at 3 sigma by Rice",
             f"{RATE(more.rice_rate_at_three_sigma):.4g} per {RATE.time}",
@@ -628,29 +589,17 @@ def _screening(review: Review) -> Section:
                 "Share of the mean square of the response below each frequency, without stops.",
             ),
         ]
-    return Section(
-        title="Linear screening",
-        lead="The rule of three sigma rests on the Gaussian response of the mount without stops."
-        + (" A sine beside the noise counts by its rms alone." if linear.only.sines else ""),
+    sines = " A sine beside the noise counts by its rms alone."
+    return replace(
+        screened,
+        lead="The rule of three sigma rests on the Gaussian response of the mount without stops. "
+        f"Where zero up-crossings are far above the natural frequency, "
+        f"{review.mount.natural_frequency_hz:.4g} Hz, a cluster follows each impact."
+        + (sines if sizing.screening.only.sines else ""),
+        grids=screened.grids[:1],
         facts=facts,
         pictures=pictures,
     )
-
-
-def _miles(linear: Screening, more: LinearMotion) -> list[Fact]:
-    """Miles' equation for the absolute acceleration; nothing where only the mass is shaken."""
-    name = "Miles' equation for it"
-    if linear.acceleration_std is None:
-        return []
-    if linear.miles is None or more.miles_error is None:
-        why = "the input is 0 at the natural frequency; the response is not"
-        return [Fact(name, "not valid", why)]
-    agreement = (
-        f"{100.0 * more.miles_error:+.2g} % off the integral: the input is not flat"
-        if abs(more.miles_error) > NOTABLE_MILES_ERROR
-        else "agrees with the integral"
-    )
-    return [Fact(name, f"{ACCELERATION.text(linear.miles)} rms", agreement)]
 
 
 # Verification, limits --------------------------------------------------------
