@@ -24,7 +24,6 @@ from stochvi.views.pages import (
     Section,
     Told,
     page_of,
-    printed,
     records,
     shown,
     write_page,
@@ -63,9 +62,6 @@ def absorber_told(found: AbsorberReport) -> Told:
         warnings=found.warnings,
         footer=_footer(found.cost),
     )
-
-
-print_absorber = printed(absorber_told)
 
 
 def verdict(found: AbsorberReport) -> str:
@@ -261,9 +257,6 @@ def design_told(found: Design) -> Told:
     )
 
 
-print_design = printed(design_told)
-
-
 def _count(number: int, words: str) -> str:
     return f"one {words}" if number == 1 else f"{number} {words}s"
 
@@ -353,9 +346,6 @@ def absorber_sine_told(found: AbsorberSine) -> Told:
         warnings=found.warnings,
         footer=[f"calculated in {found.cost.wall_time:.3g} s"],
     )
-
-
-print_absorber_sine = printed(absorber_sine_told)
 
 
 def _ranges(found: AbsorberSine) -> list[Grid]:

@@ -40,7 +40,7 @@ from stochvi.views.axes import (
     thinned,
 )
 from stochvi.views.files import write_bytes
-from stochvi.views.pages import Grid, Told, printed, told_of
+from stochvi.views.pages import Grid, Told, told_of
 from stochvi.views.tables import effects_in_words, relative_bias, value_with_error
 
 if TYPE_CHECKING:
@@ -93,9 +93,6 @@ def first_passage_told(found: FirstPassage) -> Told:
     ]
     cost = [f"cost: {found.cost.wall_time:.3g} s"]
     return told_of(found, table, notes, verdict="; ".join(rates), footer=cost)
-
-
-print_first_passage = printed(first_passage_told)
 
 
 def plot_first_passage(found: FirstPassage, ax: Axes | None = None) -> Axes:
@@ -291,9 +288,6 @@ def history_told(found: History) -> Told:
     return told_of(
         found, [table], [f"{name}: {meaning}" for name, meaning in found.meanings.items()]
     )
-
-
-print_history = printed(history_told)
 
 
 class _Panel(NamedTuple):

@@ -260,9 +260,6 @@ def sizing_told(sizing: Sizing, sensitivity: pd.DataFrame | None = None) -> Told
     )
 
 
-print_sizing = printed(sizing_told)
-
-
 def _one(sizing: Sizing) -> list[Section]:
     """The clearances of one mass for other risks, the rule of three sigma, and the tolerances."""
     mission, limited = spoken_mission(sizing.mission), sizing.target.exceedance is not None
@@ -637,10 +634,6 @@ def damage_sizing_told(found: DamageSizing) -> Told:
     )  # fmt: skip
 
 
-print_mission_sizing = printed(clearance_told)
-print_damage_sizing = printed(damage_sizing_told)
-
-
 # ------------------------------------------------------------------------------
 # Screening, clearances and jolts.
 # ------------------------------------------------------------------------------
@@ -741,9 +734,6 @@ def jolts_told(found: Jolts) -> Told:
         0,
     )
     return Told(verdict=found.summary(), sections=[Section(grids=grids)])
-
-
-print_jolts = printed(jolts_told)
 
 
 # ------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ from stochvi.views.axes import (
     seconds_of,
     thinned,
 )
-from stochvi.views.pages import Grid, Told, printed, told_of
+from stochvi.views.pages import Grid, Told, print_told, told_of
 from stochvi.views.sizing import plot_pairs_risk, plot_risk
 from stochvi.views.statistics import (
     draw_impacts,
@@ -132,9 +132,6 @@ def response_told(response: Response) -> Told:
     if cost.tenfold_wall_time is not None:
         price += f"; a tenth of the errors: about {cost.tenfold_wall_time:.2g} s"
     return told_of(response, [table], notes, verdict="", footer=[price])
-
-
-print_response = printed(response_told)
 
 
 NO_BOUND = "no error bound: "
@@ -464,7 +461,7 @@ class View(NamedTuple):
     plot: str
     """The picture that `plot` draws, of the answer and Axes or None."""
     told: str = ""
-    """What prints it on a console; empty for an answer of no command."""
+    """What describes it; empty for an answer of no command."""
     file: str = ""
     """Name of its table and picture in a folder, without their endings; empty for neither."""
     drawn: str | None = ""
@@ -481,8 +478,8 @@ class View(NamedTuple):
         return ({self.file: found.to_frame()} if self.file else {}) | self.tables(found)
 
     def tell(self, console: Console, found: Any, **words: Any) -> None:
-        """Print an answer; `words` are for its printer alone."""
-        function_of(self.told)(console, found, **words)
+        """Print an answer; `words` are for its description alone."""
+        print_told(console, function_of(self.told)(found, **words))
 
     def draw(self, found: Any, title: str) -> Axes:
         """The picture of an answer in a folder, under the title of its scene."""
@@ -505,83 +502,83 @@ def function_of(place: str) -> Any:
 
 
 VIEWS = {
-    "AbsorberReport": View("absorbers:draw_levels", "absorbers:print_absorber", "absorber"),
+    "AbsorberReport": View("absorbers:draw_levels", "absorbers:absorber_told", "absorber"),
     "AbsorberSine": View(
         "absorbers:plot_absorber_sine",
-        "absorbers:print_absorber_sine",
+        "absorbers:absorber_sine_told",
         "absorber-sine",
         "absorbers:draw_absorber_sine",
     ),
-    "Basins": View("sine:plot_basins", "sine:print_basins", "basins"),
-    "Bifurcation": View("sine:draw_bifurcation", "sine:print_bifurcation", "bifurcation"),
+    "Basins": View("sine:plot_basins", "sine:basins_told", "basins"),
+    "Bifurcation": View("sine:draw_bifurcation", "sine:bifurcation_told", "bifurcation"),
     "BumperMap": View(
         "statistics:plot_bumper_map",
-        "statistics:print_bumper_map",
+        "statistics:bumper_map_told",
         "map",
         "statistics:draw_bumper_map",
         titled=True,
     ),
-    "Check": View("pictures:plot_check", "verification:print_check", "check", None),
-    "Checks": View("verification:draw_scores", "verification:print_checks", "check", None),
+    "Check": View("pictures:plot_check", "verification:check_told", "check", None),
+    "Checks": View("verification:draw_scores", "verification:checks_told", "check", None),
     "Damage": View(
         "statistics:plot_damage",
-        "statistics:print_damage",
+        "statistics:damage_told",
         "damage",
         "statistics:draw_damage",
         titled=True,
         tables=lambda found: {} if found.test is None else {"profile": found.test.to_frame()},
     ),
     "DamageSizing": View(
-        "isolator_tables:plot_damage_sizing", "isolator_tables:print_damage_sizing", "damage"
+        "isolator_tables:plot_damage_sizing", "isolator_tables:damage_sizing_told", "damage"
     ),
     "Design": View(
         "absorbers:draw_design",
-        "absorbers:print_design",
+        "absorbers:design_told",
         "absorber-design",
         tables=lambda found: {"absorber-design": found.curve},
     ),
     "Explanation": View(
-        "pictures:plot_explanation", "verification:print_explanation", "methods", None
+        "pictures:plot_explanation", "verification:explanation_told", "methods", None
     ),
     "FirstPassage": View(
-        "density:plot_first_passage", "density:print_first_passage", "first_passage", None
+        "density:plot_first_passage", "density:first_passage_told", "first_passage", None
     ),
-    "HarmonicResponse": View("sine:plot_sine", "sine:print_sine", "sine", "sine:draw_sine"),
+    "HarmonicResponse": View("sine:plot_sine", "sine:sine_told", "sine", "sine:draw_sine"),
     "History": View(
         "pictures:plot_motion",
-        "density:print_history",
+        "density:history_told",
         "history",
         None,
         tables=lambda found: {"impacts": found.impacts},
     ),
     "Identification": View(
         "verification:plot_identification",
-        "verification:print_identification",
+        "verification:identification_told",
         "identify",
         tables=lambda found: {"curve": found.curve},
     ),
     "ImpactStatistics": View(
         "pictures:plot_impacts",
-        "statistics:print_impacts",
+        "statistics:impacts_told",
         "impacts",
         "statistics:draw_impacts",
         titled=True,
         tables=lambda found: {"histograms": found.histograms()},
         has_picture=lambda found: any(pair.speeds is not None for pair in found.pairs.values()),
     ),
-    "Jolts": View("pictures:plot_jolts", "isolator_tables:print_jolts", "jolts", None),
-    "Judgement": View("pictures:plot_judgement", "verification:print_judgement", "judge", None),
-    "LifeTimes": View("sine:plot_lifetimes", "sine:print_lifetimes", "lifetimes"),
+    "Jolts": View("pictures:plot_jolts", "isolator_tables:jolts_told", "jolts", None),
+    "Judgement": View("pictures:plot_judgement", "verification:judgement_told", "judge", None),
+    "LifeTimes": View("sine:plot_lifetimes", "sine:lifetimes_told", "lifetimes"),
     "MissionSizing": View(
-        "isolator_tables:plot_mission_sizing", "isolator_tables:print_mission_sizing", "phases"
+        "isolator_tables:plot_mission_sizing", "isolator_tables:clearance_told", "phases"
     ),
-    "Production": View("sizing:plot_production", "isolator_tables:print_production"),
+    "Production": View("sizing:plot_production", "isolator_tables:production_told"),
     "Reliability": View(
-        "statistics:plot_chances", "statistics:print_reliability", "reliability", None
+        "statistics:plot_chances", "statistics:reliability_told", "reliability", None
     ),
     "Replay": View(
         "pictures:plot_replay",
-        "verification:print_replay",
+        "verification:replay_told",
         "replay",
         "verification:draw_replay",
         titled=True,
@@ -591,26 +588,26 @@ VIEWS = {
             | ({} if found.histories is None else {"histories": found.histories.to_frame()})
         ),
     ),
-    "Response": View("pictures:plot_response", "pictures:print_response", "response", None),
+    "Response": View("pictures:plot_response", "pictures:response_told", "response", None),
     "ResponseSpectrum": View(
         "pictures:plot_spectrum",
-        "statistics:print_spectrum",
+        "statistics:spectrum_told",
         "spectrum",
         "statistics:draw_spectrum",
         titled=True,
     ),
     "Screening": View(
         "sizing:plot_screening",
-        "isolator_tables:print_screening",
+        "isolator_tables:screening_told",
         "screening",
         has_picture=lambda found: bool(found.impact_pairs),
     ),
-    "Sizing": View("pictures:plot_sizing", "isolator_tables:print_sizing"),
-    "Stability": View("sine:plot_stability", "sine:print_stability", "stability"),
+    "Sizing": View("pictures:plot_sizing", "isolator_tables:sizing_told"),
+    "Stability": View("sine:plot_stability", "sine:stability_told", "stability"),
     "Transient": View("pictures:plot_transient"),
     "WorkPrecision": View(
         "pictures:plot_cost",
-        "verification:print_cost",
+        "verification:cost_told",
         "cost",
         "verification:draw_work_precision",
         titled=True,

@@ -21,7 +21,7 @@ from stochvi.views.axes import (
     axes_or_new,
     length_unit,
 )
-from stochvi.views.pages import Grid, Told, printed, told_of
+from stochvi.views.pages import Grid, Told, told_of
 from stochvi.views.tables import Heading, with_headings
 
 if TYPE_CHECKING:
@@ -101,9 +101,6 @@ def sine_told(found: HarmonicResponse) -> Told:
             "is that between impacts",
         ],
     )
-
-
-print_sine = printed(sine_told)
 
 
 def _name(found: HarmonicResponse) -> str:
@@ -307,10 +304,6 @@ def lifetimes_told(found: LifeTimes) -> Told:
     return told_of(found, [Grid.of("regimes in noise", table, ("regime", "they go to"))])
 
 
-print_basins, print_bifurcation = printed(basins_told), printed(bifurcation_told)
-print_lifetimes = printed(lifetimes_told)
-
-
 def plot_lifetimes(found: LifeTimes, ax: Axes | None = None) -> Axes:
     """Mean life times with their 95 % intervals, and where paths go; arrows are lower limits."""
     rows = len(found.regimes)
@@ -492,9 +485,6 @@ def stability_told(found: Stability) -> Told:
     table = in_chosen_units(found.to_frame()).replace({"quantity": NAMES}).rename(columns=COLUMNS)
     words = ("growth of", "unit", "from")
     return told_of(found, [Grid.of("growth without stops; below 0 it decays", table, words)])
-
-
-print_stability = printed(stability_told)
 
 
 def plot_stability(found: Stability, ax: Axes | None = None) -> Axes:

@@ -54,8 +54,6 @@ from stochvi.views.pages import (
     Grid,
     Section,
     Told,
-    print_told,
-    printed,
     shown,
     told_of,
 )
@@ -70,7 +68,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from matplotlib.axes import Axes
-    from rich.console import Console
 
     from stochvi.isolators.bumpers import BumperMap
     from stochvi.statistics.damage import Damage, SpectrumValues, TailoredTest
@@ -290,9 +287,6 @@ def damage_told(found: Damage) -> Told:
     rows = [(k,) for k in _spread(len(found.equipment_frequency_hz), ROWS)]
     test = [] if found.test is None else [_test_section(found, found.test)]
     return told_of(found, Grid.by(title, hertz | shown, rows, 0), hits_in_words(found), *test)
-
-
-print_damage = printed(damage_told)
 
 
 def _spread(count: int, most: int) -> list[int]:
@@ -515,9 +509,6 @@ def bumper_map_told(found: BumperMap) -> Told:
     )
 
 
-print_bumper_map = printed(bumper_map_told)
-
-
 def _verdict(found: BumperMap, row: int, column: int) -> str:
     """Whether a point keeps the limits, as far as its errors tell."""
     if found.feasible[row, column]:
@@ -654,9 +645,6 @@ def impacts_told(found: ImpactStatistics, mission: float | None = None) -> Told:
     )
 
 
-print_spectrum, print_impacts = printed(spectrum_told), printed(impacts_told)
-
-
 def _in_mission(found: ImpactStatistics, mission: float) -> str:
     """The mean number of impacts of each pair in a mission, s, with its 95 % interval: the rate
     times the time, of a motion that is stationary from the start."""
@@ -695,7 +683,7 @@ SMALLEST_DRAWN = 1e-9
 picture."""
 
 
-def reliability_told(found: Reliability) -> Told:
+def reliability_told(found: Reliability, **_: object) -> Told:
     """The probabilities with their intervals, how each was found, and the expected impacts."""
     mission, chances = spoken_mission(found.mission), list(found.chances.values())
     told = [f"{event_in_words(each)}: {chance_of(each)} ({interval_of(each)})" for each in chances]
@@ -786,11 +774,6 @@ def reliability_told(found: Reliability) -> Told:
         sections=[probabilities],
         footer=[f"cost: {found.cost.wall_time:.3g} s on {found.cost.threads} threads"],
     )
-
-
-def print_reliability(console: Console, found: Reliability, limit_in_g: str | None = None) -> None:
-    """Print the probabilities of a mission."""
-    print_told(console, reliability_told(found))
 
 
 def event_in_words(chance: Chance) -> str:

@@ -245,7 +245,7 @@ def checks_told(verdict: Checks) -> Told:
     return told_of(verdict, [replace(table, alarms=alarms)], notes, alarm=not verdict.passed)
 
 
-print_check, print_checks = printed(check_told), printed(checks_told)
+print_check = printed(check_told)
 
 
 def print_problems(console: Console, sentences: Mapping[str, str]) -> None:
@@ -273,9 +273,6 @@ def judgement_told(verdict: Judgement) -> Told:
         alarm=not verdict.passed,
         statements=[verdict.read_as] if verdict.read_as else [],
     )
-
-
-print_judgement = printed(judgement_told)
 
 
 def _finding_cells(row: Finding) -> list[str]:
@@ -364,9 +361,6 @@ def explanation_told(explanation: Explanation) -> Told:
         footer=[f"assumed: {assumption}" for assumption in explanation.assumptions],
         warnings=explanation.notes,
     )
-
-
-print_explanation = printed(explanation_told)
 
 
 def print_phases(console: Console, phases: Mapping[str, Explanation]) -> None:
@@ -478,9 +472,6 @@ def cost_told(found: WorkPrecision) -> Told:
     )
 
 
-print_cost = printed(cost_told)
-
-
 def _whose(found: WorkPrecision, owner: str, quantity: str) -> str:
     """A quantity in words, with its owner where the scene has several coordinates or pairs."""
     hits = [row.of for row in found.errors if row.quantity == "impact_speed_rate"]
@@ -588,9 +579,6 @@ def identification_told(found: Identification) -> Told:
         quantity = shown_as(found.test.start[name][1])
         of_test.append(f"{name}: {value_with_error(quantity(each))} {quantity}")
     return told_of(found, table, of_test, statements=[found.line])
-
-
-print_identification = printed(identification_told)
 
 
 def plot_identification(found: Identification, ax: Axes | None = None) -> Axes:
@@ -702,9 +690,6 @@ def replay_told(found: Replay, record: RecordVerdict | None) -> Told:
         ],
         footer=[f"cost: {found.cost.wall_time:.3g} s"],
     )
-
-
-print_replay = printed(replay_told)
 
 
 def _replay_grid(found: Replay) -> Grid:

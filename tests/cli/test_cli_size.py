@@ -18,7 +18,8 @@ from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.size import size
 from stochvi.results.estimates import spoken_percent
 from stochvi.scenes.scene import load_scene
-from stochvi.views.isolator_tables import print_sizing
+from stochvi.views.isolator_tables import sizing_told
+from stochvi.views.pages import print_told
 from stochvi.views.sizing import plot_risk
 from support.commands import ISOLATOR, Run, one_document, refused
 from support.sized import scene_between_stops, sizing_of
@@ -180,7 +181,7 @@ def test_bad_input_is_a_sentence(stochvi: Run, arguments: tuple[str, ...], sente
 def printed(sizing: Sizing) -> str:
     """What a terminal shows, without its line ends."""
     memory = StringIO()
-    print_sizing(Console(file=memory, width=200), sizing)
+    print_told(Console(file=memory, width=200), sizing_told(sizing))
     return memory.getvalue()
 
 

@@ -53,7 +53,8 @@ from stochvi.scenes.impact_laws import CompliantLaw, Hertz
 from stochvi.scenes.scene import load_scene
 from stochvi.statistics.damage import SpectrumValues
 from stochvi.testing import assert_agrees
-from stochvi.views.statistics import draw_bumper_map, print_bumper_map
+from stochvi.views.pages import print_told
+from stochvi.views.statistics import bumper_map_told, draw_bumper_map
 from support import judges
 from support.mounts import truck
 
@@ -333,7 +334,7 @@ def test_a_limit_is_kept_where_that_is_shown_alone() -> None:
     assert "1 of 4 designs keep all limits" in found.summary()
     assert "(2 not known well enough)" in found.summary()
     console = Console(file=StringIO(), width=200)
-    print_bumper_map(console, found)
+    print_told(console, bumper_map_told(found))
     shown = console.file.getvalue()  # type: ignore[attr-defined]
     assert [shown.count(word) for word in (" kept", "not shown", " exceeded\n")] == [1, 2, 1]
     assert found.to_frame()["exceeded"].sum() == 1
@@ -365,7 +366,7 @@ def test_the_table_has_limits_and_forces_only_where_there_are_any() -> None:
 
     def printed(found: BumperMap) -> str:
         console = Console(file=StringIO(), width=200)
-        print_bumper_map(console, found)
+        print_told(console, bumper_map_told(found))
         return console.file.getvalue()  # type: ignore[attr-defined]
 
     found = made(peak, rattle)

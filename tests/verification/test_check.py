@@ -79,7 +79,8 @@ from stochvi.verification.check import (
     seeds_of,
     single_alarm_rate,
 )
-from stochvi.views.verification import print_explanation
+from stochvi.views.pages import print_told
+from stochvi.views.verification import explanation_told
 from support.known import oscillator
 
 
@@ -535,7 +536,7 @@ def test_a_command_has_its_start_beside_the_price() -> None:
     assert before is not None and after is not None and after.seconds == before.seconds
     assert before.start_seconds > 0.0 and after.start_seconds == before.start_seconds + 2.0
     printed = io.StringIO()
-    print_explanation(Console(file=printed, width=200), told.with_start(2.0))
+    print_told(Console(file=printed, width=200), explanation_told(told.with_start(2.0)))
     assert "to start: about 2 s, in every run" in printed.getvalue()
 
 
@@ -731,7 +732,7 @@ def test_a_scene_that_simulate_refuses_is_not_called_simulated() -> None:
     assert told.methods["fokker-planck"] == "applies"
     assert told.summary().startswith("not simulated: structure.kind must not be 'nonlinear'")
     printed = io.StringIO()
-    print_explanation(Console(file=printed, width=200), told)
+    print_told(Console(file=printed, width=200), explanation_told(told))
     assert printed.getvalue().startswith("in the scene:     white noise on x\nnot in the scene: ")
     told = explain(oscillator(-1.0, 1.0, 0.8), threads=1)
     assert told.summary().startswith("simulated: white noise on x")

@@ -14,9 +14,10 @@ from rich.console import Console
 from stochvi import Response, Scene, average, check, explain, fokker_planck, linearise, load_scene
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.views.axes import as_written
-from stochvi.views.pictures import VIEWS, function_of, print_response, view_of
+from stochvi.views.pages import print_told
+from stochvi.views.pictures import VIEWS, function_of, response_told, view_of
 from stochvi.views.tables import print_frame
-from stochvi.views.verification import print_check, print_explanation
+from stochvi.views.verification import check_told, explanation_told
 
 
 def test_numbers_stand_to_the_right_whether_they_are_text_or_not() -> None:
@@ -45,7 +46,7 @@ def test_nothing_is_relative_to_a_mean_that_is_rounding_error() -> None:
     found = average(load_scene(shipped_scene("oscillator-lossy")))
     mean = found.coordinates["x"]["displacement_mean"]
     assert 0.0 < abs(mean.value) < 1e-12 and mean.bias
-    print_response(Console(file=written, width=100), found)
+    print_told(Console(file=written, width=100), response_told(found))
     (row,) = (line for line in written.getvalue().splitlines() if "mean displacement" in line)
     assert row.split() == ["x", "mean", "displacement", "0", "m", "0", "-", "-"]
 
@@ -68,7 +69,7 @@ def test_a_simulation_that_stopped_early_is_not_called_left_out() -> None:
     """It was judged by what it reached; methods that were not judged at all are left out."""
     found = check(load_scene(shipped_scene("oscillator-lossy")), rel_error=1e-5)
     written = io.StringIO()
-    print_check(Console(file=written, width=500), found)
+    print_told(Console(file=written, width=500), check_told(found))
     lines = [line.rstrip() for line in written.getvalue().splitlines()]
     (early,) = (line for line in lines if "early" in line)
     assert early.startswith("simulate stopped early")
@@ -78,7 +79,7 @@ def test_a_simulation_that_stopped_early_is_not_called_left_out() -> None:
 def test_the_modes_of_a_box_are_not_cut_to_the_width_of_the_terminal() -> None:
     found = explain(load_scene(shipped_scene("rigid-box")), threads=1)
     written = io.StringIO()
-    print_explanation(Console(file=written, width=60), found)
+    print_told(Console(file=written, width=60), explanation_told(found))
     lines = [line.rstrip() for line in written.getvalue().splitlines()]
     for mode in found.modes:
         assert any(line.endswith(mode.motion) for line in lines)
