@@ -256,11 +256,6 @@ def told_of(
     return Told(**own | more)
 
 
-def assumed(assumptions: Sequence[str]) -> list[str]:
-    """The assumptions of an answer in one line, where it has any."""
-    return [f"assumptions: {'; '.join(assumptions)}"] if assumptions else []
-
-
 def printed(told: Callable[..., Told]) -> Callable[..., None]:
     """The printer of an answer, by the function that describes it."""
 
@@ -282,7 +277,9 @@ def print_told(console: Console, told: Told) -> None:
             _print_grid(console, grid)
         for note in section.notes:
             print_line(console, note)
-    for line in [*assumed(told.assumptions), *told.footer]:
+    if told.assumptions:
+        print_line(console, f"assumptions: {'; '.join(told.assumptions)}")
+    for line in told.footer:
         print_line(console, line)
     for warning in told.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False, markup=False)

@@ -178,12 +178,6 @@ def print_table(console: Console, table: Table) -> None:
         console.width = width
 
 
-def print_assumptions(console: Console, sentences: Sequence[str]) -> None:
-    """Print the assumptions of an answer, where it has any."""
-    if sentences:
-        print_line(console, f"assumptions: {'; '.join(sentences)}")
-
-
 def print_line(console: Console, line: str) -> None:
     console.print(line, style="dim", highlight=False, markup=False)
 
