@@ -60,6 +60,7 @@ from stochvi.views.pages import (
 from stochvi.views.tables import (
     UNKNOWN,
     count_of,
+    plus_minus,
     value_with_error,
     way_in_words,
 )
@@ -740,10 +741,8 @@ def reliability_told(found: Reliability, **_: object) -> Told:
                     risk.probability.value, risk.probability.upper_95
                 ),
                 "of first impacts": lambda _, risk: spoken_percent(risk.share_of_first_hits),
-                "expected impacts": lambda _, risk: _known(risk.expected_hits, _number),
-                f"mean speed ({SPEED})": lambda _, risk: _known(
-                    SPEED(risk.impact_speed_mean), _number
-                ),
+                "expected impacts": lambda _, risk: plus_minus(risk.expected_hits),
+                f"mean speed ({SPEED})": lambda _, risk: plus_minus(risk.impact_speed_mean, SPEED),
             },
             found.pairs.items(),
         ),
@@ -819,13 +818,6 @@ def _percent(value: float, limit: float | None) -> str:
 def _known(value: Any, form: Callable[[Any], str]) -> str:
     """A value in a form, where it is known."""
     return UNKNOWN if value is None else form(value)
-
-
-def _number(estimate: Estimate) -> str:
-    """A number with its 95 % half width."""
-    if estimate.upper_95 is not None:
-        return f"below {estimate.upper_95:.3g}"
-    return f"{estimate.value:.3g} ± {estimate.half_width_95():.2g}"
 
 
 def plot_chances(found: Reliability, ax: Axes | None = None) -> Axes:
