@@ -408,7 +408,6 @@ def sizing_page(
     """The page of a sizing; that of one mass needs its review."""
     told, number = sizing_told(sizing, sensitivity), len(sizing.pairs)
     what = f"Clearances of {number} pairs" if sizing.several else "Clearance of an isolated mass"
-    statements = [*told.statements, *_rounded(sizing)]
     if review is None:
         cards = pairs_cards(sizing)
         sections = [
@@ -418,7 +417,7 @@ def sizing_page(
         limits = [*sizing.scene.assumptions(), *OF_PAIRS]
     else:
         told = replace(told, warnings=[*_failed_balances(review), *_new_warnings(review)])
-        cards, statements = _cards(review), [*statements, *_worst_statement(review)]
+        cards = _cards(review)
         sections = [
             stops_section(review), hard_hits_section(review), peaks_section(review),
             _screening(review), environment_section(review), mount_section(review),
@@ -426,7 +425,7 @@ def sizing_page(
         ]  # fmt: skip
         limits = [*review.assumptions, *OF_ONE_MOUNT]
     return page_of(
-        replace(told, statements=statements, footer=()),
+        replace(told, footer=()),
         sizing.scene.title or what,
         f"{what} between {'their' if sizing.several else 'its'} stops, for a mission of "
         f"{spoken_mission(sizing.mission)}",
@@ -441,26 +440,7 @@ def sizing_page(
     )
 
 
-def _rounded(sizing: Sizing) -> list[str]:
-    """How the clearance to make is rounded, in a sentence; none where it was not found."""
-    if sizing.widest is None or sizing.several:
-        return []
-    return [f"The clearance is rounded up to {sizing.widest.step_in_words}"]
-
-
 # Verdict ----------------------------------------------------------------------------------
-
-
-def _worst_statement(review: Review) -> list[str]:
-    """The probability of an impact at the calculated clearance in the worst case, in a sentence."""
-    if review.worst is None or review.worst_case is None:
-        return []
-    row = review.worst_case.iloc[-1]
-    return [
-        f"{row['change']} needs {spoken_length(row['clearance'])}; the calculated "
-        f"{spoken_length(review.sizing.clearance.value)} is then hit with a probability of "
-        f"{spoken_percent(row['probability'])} in {spoken_mission(review.sizing.mission)}"
-    ]
 
 
 def _new_warnings(review: Review) -> list[str]:
