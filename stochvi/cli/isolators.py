@@ -291,7 +291,7 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
 
 
 @declare(
-    "isolators.sizing.size:size", "kept budget, seed, threads, json, out, force, quiet",
+    "isolators.sizing.size:size", "kept budget, seed, threads, json, out, force, quiet, verbose",
     progress="sizing",
 )  # fmt: skip
 def size(question: Question) -> Show:

@@ -95,6 +95,7 @@ class Common:
     threads: int | None = None
     budget: float | None = None
     quiet: bool = False
+    verbose: bool = True
     force: bool | None = None
     formats: frozenset[str] = frozenset()
     units: Choice = field(default_factory=dict)
@@ -176,10 +177,12 @@ class Common:
         from stochvi.views.pictures import view_of
 
         view = view_of(found)
-        self.tell(
-            found.to_dict() if document is None else document,
-            lambda console: view.tell(console, found, **words), *verdict,
-        )  # fmt: skip
+
+        def tell(console: Console) -> None:
+            if view.tell(console, found, self.verbose, **words):
+                self.say_what_comes_next(console)
+
+        self.tell(found.to_dict() if document is None else document, tell, *verdict)
         if self.out is None:
             return
         for name, table in view.files(found).items():
@@ -215,6 +218,17 @@ class Common:
 
                     print_record(self.console, record, where)
                 tell(self.console)
+
+    def say_what_comes_next(self, console: Console) -> None:
+        """Name the way to the evidence of a brief answer, and to its page."""
+        from stochvi.cli.program import COMMAND_LINE
+
+        asked = click.get_current_context().meta.get(COMMAND_LINE, "").removesuffix(" -v")
+        page = f"{asked} --out out" if self.out is None else self.out / "report.html"
+        lines = [f"page to sign: {page}"]
+        lines += [] if self.verbose else ["-v shows the tables, the method and the cost"]
+        for line in lines:
+            console.print(line, style="dim", highlight=False, markup=False)
 
     def draw(self, name: str, picture: Callable[[], Axes]) -> None:
         """Write a picture, if there is a folder for it; if that fails, print a note."""
@@ -331,7 +345,7 @@ GROUPS = {
 """What pages name in braces: options that several commands have, and numbers."""
 
 LINE = re.compile(
-    r"(--[a-z-]+)(?: ([a-z-]+(?:\|[a-z-]+)+))?(?: ([^ (:=]\S*)(?<! as))?(?: as (\w+))?"
+    r"(--[a-z-]+)( -[a-z])?(?: ([a-z-]+(?:\|[a-z-]+)+))?(?: ([^ (:=]\S*)(?<! as))?(?: as (\w+))?"
     r"(?: \(([^)]+)\))?(?: (:?=)(?: (\S+))?)?"
 )
 """A line of an option on a page, without its help: the option, what it may be or what stands for
@@ -342,7 +356,8 @@ def on_page(page: str) -> tuple[str, list[Callable[[Any], Any]]]:
     """The help of a command, and its options, from a page that states both.
 
     A line "--name KEY as argument (kind) = default  Help." is an option. What is not said is left
-    out: an option without anything else is a flag. "a|b" are choices, ":=" is a default that
+    out: an option without anything else is a flag, "-v" behind its name is its short name. "a|b"
+    are choices, ":=" is a default that
     help does not show; a kind may also be "needed" or "many".
     """
     words, *entries = re.split(r"\n\s*(?=--)", "\n" + page.format(**GROUPS))
@@ -355,7 +370,7 @@ def _option(line: str, words: str) -> Callable[[Any], Any]:
     """An option of click, from its line on a page and its help."""
     if (match := LINE.fullmatch(line)) is None:
         raise ValueError(f"this is no line of an option: {line!r}")
-    name, choices, metavar, argument, kinds, equals, default = match.groups()
+    name, short, choices, metavar, argument, kinds, equals, default = match.groups()
     of = set() if kinds is None else set(kinds.split(", "))
     needed, many = "needed" in of, "many" in of
     kind: Any = next((KINDS[each] for each in of - {"needed", "many"}), str)
@@ -366,7 +381,7 @@ def _option(line: str, words: str) -> Callable[[Any], Any]:
         more = {"is_flag": True}
     if equals:
         more |= {"default": default or "", "show_default": equals == "="}
-    names = [name] if argument is None else [name, argument]
+    names = [each.strip() for each in (name, short, argument) if each is not None]
     return click.option(*names, help=" ".join(words.split()), **more)
 
 
@@ -387,6 +402,7 @@ OPTIONS = {
     f"[{BUDGET:g}; no limit with --checkpoint or --resume].",
     "force": "--force  Replace the report of another scene or question in --out.",
     "quiet": "--quiet  Show neither tables nor progress.",
+    "verbose": "--verbose -v  Show the tables, the method and the cost behind the answer, too.",
 }
 """The common options by name. "open budget" and "kept budget" are --budget without a default. The
 first is for commands that also end by a number of paths or keep their work; the second is for those

@@ -55,9 +55,11 @@ from stochvi.views.tables import (
     four_digits,
     limits_of,
     line_to_copy,
-    places_of_stops,
+    of_less_risk,
+    of_your_stops,
     plus_minus,
     spoken_length,
+    to_copy,
     way_in_words,
 )
 
@@ -243,9 +245,10 @@ def sizing_told(sizing: Sizing, sensitivity: pd.DataFrame | None = None) -> Told
         alarm=sizing.doubtful is not None,
         statements=[
             *([] if record is None or sizing.doubtful else [record.sentence()]),
-            *([] if sizing.several else places_of_stops(sizing).splitlines()),
             sizing.calculated(),
+            *([] if sizing.several else [*of_your_stops(sizing), *of_less_risk(sizing)]),
             *([] if sizing.varies else [WITHOUT_TOLERANCES]),
+            *([] if sizing.several else to_copy(sizing)),
         ],
         sections=[
             *(_several(sizing) if sizing.several else _one(sizing)),
@@ -257,6 +260,7 @@ def sizing_told(sizing: Sizing, sensitivity: pd.DataFrame | None = None) -> Told
             f"method: {sizing.method}",
             f"cost: {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads",
         ],
+        brief=not sizing.several and sizing.production is None and sensitivity is None,
     )
 
 
@@ -549,7 +553,7 @@ def clearance_told(found: ClearanceAnswer) -> Told:
         verdict=found.verdict(),
         alarm=bool(found.doubtful),
         statements=[
-            *([line_to_copy(stops)] if stops else []), found.calculated(), WITHOUT_TOLERANCES,
+            found.calculated(), WITHOUT_TOLERANCES, *([line_to_copy(stops)] if stops else []),
         ],
         sections=[section],
         warnings=found.warnings,

@@ -230,6 +230,9 @@ class Told:
         What the answer rests on; a page names it under its limits.
     footer
         Lines that close it.
+    brief
+        Whether verdict, statements and warnings are the answer: a terminal shows sections,
+        assumptions and footer where it is asked for all alone.
     """
 
     verdict: str = ""
@@ -239,6 +242,7 @@ class Told:
     warnings: Sequence[str] = ()
     assumptions: Sequence[str] = ()
     footer: Sequence[str] = ()
+    brief: bool = False
 
 
 def told_of(
@@ -265,13 +269,21 @@ def printed(told: Callable[..., Told]) -> Callable[..., None]:
     return print_answer
 
 
-def print_told(console: Console, told: Told) -> None:
-    """Print the verdict, the statements, tables and notes of all sections, warnings and footer."""
+def print_told(console: Console, told: Told, whole: bool = True) -> None:
+    """Print the verdict, the statements, tables and notes of all sections, warnings and footer; of
+    a brief answer that is not asked for as a `whole`, what answers alone."""
     if told.verdict:
         style = "bold red" if told.alarm else "bold"
         console.print(told.verdict, style=style, highlight=False, markup=False)
     for line in told.statements:
         console.print(line, highlight=False, markup=False)
+    if whole or not told.brief:
+        _print_evidence(console, told)
+    for warning in told.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False, markup=False)
+
+
+def _print_evidence(console: Console, told: Told) -> None:
     for section in told.sections:
         for grid in section.grids:
             _print_grid(console, grid)
@@ -281,8 +293,6 @@ def print_told(console: Console, told: Told) -> None:
         print_line(console, f"assumptions: {'; '.join(told.assumptions)}")
     for line in told.footer:
         print_line(console, line)
-    for warning in told.warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False, markup=False)
 
 
 def _print_grid(console: Console, grid: Grid) -> None:

@@ -477,9 +477,12 @@ class View(NamedTuple):
         """All tables of an answer by their files."""
         return ({self.file: found.to_frame()} if self.file else {}) | self.tables(found)
 
-    def tell(self, console: Console, found: Any, **words: Any) -> None:
-        """Print an answer; `words` are for its description alone."""
-        print_told(console, function_of(self.told)(found, **words))
+    def tell(self, console: Console, found: Any, whole: bool = True, **words: Any) -> bool:
+        """Print an answer, a brief one as a `whole` or not; `words` are for its description alone.
+        Returns whether it is brief."""
+        told: Told = function_of(self.told)(found, **words)
+        print_told(console, told, whole)
+        return told.brief
 
     def draw(self, found: Any, title: str) -> Axes:
         """The picture of an answer in a folder, under the title of its scene."""

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
@@ -268,7 +269,9 @@ def _is_number(cell: object) -> bool:
 
 UNKNOWN = "not known"
 
-WITHOUT_TOLERANCES = "no tolerances: mount, level and stops are exactly as the scene states them"
+WITHOUT_TOLERANCES = (
+    "not included: tolerances (--tolerances usual); they usually take 1.7 to 2 times as much"
+)
 """Sentence of an answer whose clearance holds no tolerances."""
 
 OF_ONE_MOUNT = (
@@ -427,21 +430,32 @@ def line_to_copy(stops: str) -> str:
     return f"copy into the scene file (m from the unloaded spring): {stops}"
 
 
-def places_of_stops(sizing: Sizing) -> str:
-    """The line to copy into a scene file, and the probability of an impact on the stops of the
-    scene at their places."""
-    texts = []
-    if copied := sizing.stops_to_copy():
-        hangs = f"; {equilibrium_in_words(sizing)}" if sizing.gap.mean_position else ""
-        texts.append(line_to_copy(copied) + hangs)
-    if stops := sizing.gap.distances:
-        distances = " and ".join(f"{LENGTH(distance):.4g}" for distance in stops.values())
-        noise = ", for Gaussian noise" if sizing.doubtful else ""
-        texts.append(
-            f"stops of the scene, {distances} {LENGTH} from the static equilibrium: "
-            f"{chance_of_stops(sizing)} in {spoken_mission(sizing.mission)} (any impact{noise})"
-        )
-    return "\n".join(texts)
+def of_your_stops(sizing: Sizing) -> list[str]:
+    """The probability of an impact on the stops of the scene at their places; none without them."""
+    places = dict.fromkeys(f"{LENGTH(each):.4g}" for each in sizing.gap.distances.values())
+    noise = ", for Gaussian noise" if sizing.doubtful else ""
+    return [
+        f"your stops, {' and '.join(places)} {LENGTH} from the static equilibrium: "
+        f"{chance_of_stops(sizing)} in {spoken_mission(sizing.mission)} (any impact{noise})"
+    ] * bool(places)
+
+
+def of_less_risk(sizing: Sizing) -> list[str]:
+    """What a tenth of the risk takes; none where that is not known."""
+    table, target = sizing.required, sizing.target
+    if target.name != "probability" or sizing.varies or sizing.doubtful:
+        return []
+    less = table.loc[np.isclose(table["probability"], 0.1 * target.value), "clearance"]
+    return [
+        f"ten times less risk takes {LENGTH.text(more, '.2g')} more"
+        for more in less - sizing.clearance.value
+    ]
+
+
+def to_copy(sizing: Sizing) -> list[str]:
+    """The line to copy into a scene file; none where there is nothing to make."""
+    hangs = f"; {equilibrium_in_words(sizing)}" if sizing.gap.mean_position else ""
+    return [line_to_copy(copied) + hangs for copied in [sizing.stops_to_copy()] if copied]
 
 
 def equilibrium_in_words(sizing: Sizing) -> str:

@@ -1,6 +1,7 @@
 """stochvi size: the verdict, the document, the files, and what it refuses."""
 
 import hashlib
+import json
 import math
 import re
 from dataclasses import replace
@@ -196,10 +197,30 @@ def test_the_stops_of_the_scene_are_judged_where_they_are() -> None:
     chance = -math.expm1(-sum(bursts))
     near, far = 1e3 * (rest + 9e-3), 1e3 * (5e-3 - rest)
     line = (
-        f"stops of the scene, {near:.4g} and {far:.4g} mm from the static equilibrium: "
+        f"your stops, {near:.4g} and {far:.4g} mm from the static equilibrium: "
         f"{spoken_percent(chance)} in 1 h (any impact)"
     )
     assert line in printed(sizing)
+
+
+def test_the_answer_takes_ten_lines_and_the_rest_is_asked_for(
+    stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What less risk takes is the difference of two rows of the table that -v shows."""
+    monkeypatch.chdir(tmp_path)
+    assert stochvi("new", "truck.toml").code == 0
+    asked = ("size", "truck.toml", "--probability", "1%", "--rel-error", "0.2", "--json", "a")
+    brief, whole = stochvi(*asked), stochvi(*asked, "-v")
+    assert brief.code == whole.code == 0
+    *answer, page, last = brief.out.splitlines()
+    assert len(answer) + 2 <= 10 and whole.out.startswith("\n".join(answer))
+    for words in ("at 3 sigma = ", "method: ", "cost: "):
+        assert words in whole.out and words not in brief.out
+    assert last.startswith("-v shows the tables") and "-v" not in whole.out
+    assert page.startswith("page to sign: stochvi size ")
+    table = json.loads(Path("a").read_text(encoding="utf-8"))["required"]
+    more = table[2]["clearance"] - table[1]["clearance"]
+    assert f"ten times less risk takes {1e3 * more:.2g} mm more" in brief.out
 
 
 def test_one_stop_and_none_are_told_apart() -> None:
@@ -208,10 +229,10 @@ def test_one_stop_and_none_are_told_apart() -> None:
     one = replace(sizing, scene=sizing.scene.model_copy(update={"impact_pairs": (alone,)}))
     told = printed(one)
     assert f"{sizing.made} from the static" in told and "upper = " in told
-    assert "lower = " not in told and "stops of the scene, " in told
+    assert "lower = " not in told and "your stops, " in told
     none = replace(sizing, scene=sizing.scene.model_copy(update={"impact_pairs": ()}))
     told = printed(none)
-    assert f"{sizing.made} per side from" in told and "stops of the scene" not in told
+    assert f"{sizing.made} per side from" in told and "your stops" not in told
     assert f"{sizing.stops_to_copy()}; the static equilibrium is at -1.725 mm" in told
 
 
@@ -275,11 +296,14 @@ def test_a_map_has_its_axes_limits_and_files(rubber: Path, tmp_path: Path, stoch
 def test_a_scene_with_phases_is_sized(rubber: Path, stochvi: Run) -> None:
     road, test = (f'[[phase]]\nname = "{name}"\nduration = "1 h"\n' for name in ("road", "test"))
     text = rubber.read_text(encoding="utf-8")
-    for phases, words in (((road,), "1 h at or below 5 % copy"), ((road, test), "over 2 phases")):
+    for phases, words in (
+        ((road,), "below 5 % calculated"),
+        ((road, test), "over 2 phases"),
+    ):
         rubber.write_text("\n".join([text, *phases]), encoding="utf-8")
         done = stochvi("size", rubber, "--probability", "5%", "--rel-error", "0.3")
         assert done.code == 0 and words in " ".join(done.out.split())
-        assert "assumptions: \n" not in done.out and "no tolerances: mount, level" in done.out
+        assert "assumptions: \n" not in done.out and "not included: tolerances" in done.out
     refusal = refused(stochvi("size", rubber, "--probability", "5%", "--tolerances", "usual"))
     assert "size one phase, as FILE.toml#PHASE" in refusal
     spread = ("--tolerances", "frequency=normal:3%")

@@ -929,7 +929,8 @@ class Sizing(ClearanceAnswer):
         there = [] if hits is None else [expected]
         if self.target.name == "probability":
             chance = spoken_percent(three.probability.value)
-            rule = [f"{place} is hit with a probability of {chance} in {mission}"]
+            often = "" if three.hits is None else f", {three.hits.value:.3g} impacts expected"
+            rule = [f"{place} is hit with a probability of {chance} in {mission}{often}"]
         else:
             rule = [] if three.hits is None else [f"{three.hits.value:.3g} at {place}"]
         joint = "; " if self.target.name == "probability" else ", "
