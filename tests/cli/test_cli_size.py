@@ -208,6 +208,7 @@ def test_the_answer_takes_ten_lines_and_the_rest_is_asked_for(
 ) -> None:
     """What less risk takes is the difference of two rows of the table that -v shows."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "100")
     assert stochvi("new", "truck.toml").code == 0
     asked = ("size", "truck.toml", "--probability", "1%", "--rel-error", "0.2", "--json", "a")
     brief, whole = stochvi(*asked), stochvi(*asked, "-v")
