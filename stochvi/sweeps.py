@@ -22,7 +22,7 @@ from stochvi.isolators.tolerances import Spread, check_spreads, spreads_of
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import MEASURED, measured_in, plain_number
 from stochvi.model.model import model_of
-from stochvi.results.base import Response, plain
+from stochvi.results.base import Response, Result, plain
 from stochvi.results.deadline import Progress
 from stochvi.results.errors import (
     CheckpointError,
@@ -37,7 +37,6 @@ from stochvi.results.estimates import (
     BIAS_ERROR,
     CONFIDENCE,
     ERROR,
-    GAUSSIAN_95,
     LIMIT,
     Cost,
     Estimate,
@@ -66,9 +65,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from stochvi.isolators import MissionSizing, Sizing
-    from stochvi.isolators.sizing.answer import Clearance
-    from stochvi.methods.replay import Replay
-    from stochvi.statistics.reliability import Reliability
 
 
 # ------------------------------------------------------------------------------
@@ -396,15 +392,15 @@ class Job:
                 simulated: Response = self._sampled(simulate, folder, run)
                 return simulated
             case "size":
-                return summary_of_sizing(self._sized(folder, run))
+                return Summary.of(self._sized(folder, run))
             case "reliability":
                 from stochvi.statistics.reliability import reliability
 
-                return summary_of_reliability(self._sampled(reliability, folder, run))
+                return Summary.of(self._sampled(reliability, folder, run))
             case "replay":
                 from stochvi.methods.replay import replay
 
-                return summary_of_replay(replay(self.scene, threads=run.workers, **self.arguments))
+                return Summary.of(replay(self.scene, threads=run.workers, **self.arguments))
             case "exact":
                 from stochvi.methods.closed_form import exact
 
@@ -492,6 +488,11 @@ class Summary:
     quantities: Mapping[str, Mapping[str, Estimate | None]]
     cost: Cost
 
+    @classmethod
+    def of(cls, answer: Result) -> Summary:
+        """The summary of an answer."""
+        return cls(quantities=answer.quantities, cost=answer.cost)
+
     def estimates(self) -> dict[tuple[str, str], Estimate]:
         """The quantities that are known, as those of a `Response`."""
         return {
@@ -515,67 +516,13 @@ class Summary:
         return cls(quantities=quantities, cost=Cost(**document["cost"]))
 
 
-def summary_of_sizing(found: Sizing | MissionSizing) -> Summary:
-    """Clearance, 3 sigma and impacts of a sizing, or clearances by pair; a mission of phases has
-    clearances alone. The error of a clearance is that of its interval, taken for Gaussian."""
-    from stochvi.isolators import Sizing
-
-    how = found.method if isinstance(found, Sizing) else "all phases together"
-    nearest = isinstance(found, Sizing) and found.kept_with is not None
-
-    def clearance(c: Clearance) -> Estimate:
-        if nearest or not c.lower:
-            # the nearest stops that can be judged keep the target, and smaller clearances may too
-            return Estimate(value=0.0, upper_95=c.value, how="the nearest stops judged")
-        error = (c.upper - c.lower) / (2.0 * GAUSSIAN_95)
-        return Estimate(value=c.value, standard_error=error, how=how)
-
-    if not isinstance(found, Sizing):
-        each = {name: {"clearance": clearance(c)} for name, c in found.clearances.items()}
-        alone = {"size": {"clearance": clearance(found.clearance)}}
-        return Summary(quantities=each if found.several else alone, cost=found.cost)
-    three = found.three_sigma
-    risk: dict[str, Estimate | None] = {
-        "probability_at_three_sigma": three.probability, "expected_hits": found.expected_hits
-    }  # fmt: skip
-    if found.several:
-        each = {name: {"clearance": clearance(c)} for name, c in found.clearances.items()}
-        return Summary(quantities={"size": risk, **each}, cost=found.cost)
-    sized = {
-        "clearance": clearance(found.clearance),
-        "three_sigma": Estimate(value=three.clearance),
-        "rms_displacement": Estimate(value=found.sigma),
-    }
-    return Summary(quantities={"size": sized | risk}, cost=found.cost)
-
-
-def summary_of_reliability(found: Reliability) -> Summary:
-    """Probabilities by event, and expected impacts, of a mission."""
-    chances = {name: chance.estimate for name, chance in found.chances.items()}
-    return Summary(
-        quantities={"mission": {**chances, "expected_hits": found.hits}}, cost=found.cost
-    )
-
-
-def summary_of_replay(found: Replay) -> Summary:
-    """Motion of coordinates and impact pairs under a record."""
-    parts = {**found.coordinates, **found.impact_pairs}
-    return Summary(
-        quantities={owner: dict(part.items()) for owner, part in parts.items()}, cost=found.cost
-    )
-
-
 def _summary_of(answer: Any) -> Response | Summary | None:
     """Contents of an answer that was not finished."""
-    from stochvi.isolators import MissionSizing, Sizing
+    from stochvi.isolators.sizing.answer import ClearanceAnswer
     from stochvi.statistics.reliability import Reliability
 
-    summaries: dict[type, Callable[[Any], Summary]] = {
-        Sizing: summary_of_sizing, MissionSizing: summary_of_sizing,
-        Reliability: summary_of_reliability,
-    }  # fmt: skip
-    if make := summaries.get(type(answer)):
-        return make(answer)
+    if isinstance(answer, ClearanceAnswer | Reliability):
+        return Summary.of(answer)
     return answer if isinstance(answer, Response) else None
 
 

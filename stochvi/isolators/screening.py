@@ -525,10 +525,30 @@ class Screening(Result):
     def summary(self) -> str:
         """The numbers of the tables in words; a record that does not agree with them is named
         first."""
-        text = "linear screening, stops left out"
+        text = self._of_one() if len(self.coordinates) == 1 else self._of_several()
         if self.record is not None and not self.record.agrees:
             return f"{self.record.sentence()}; {text}"
         return text
+
+    def _of_one(self) -> str:
+        rms, often = self.displacement_std, self.zero_crossing_rate
+        hertz = "" if often is None else f", {often:.3g} Hz"
+        passed, time = HOURLY(self.rice_rate(3.0 * rms)), HOURLY.time
+        each = f"an {time}" if time == "hour" else f"a {time}"
+        return (
+            f"{LENGTH.text(rms, '.3g')} rms{hertz}; three sigma {LENGTH.text(3.0 * rms, '.3g')}, "
+            f"passed {passed:.3g} times {each} (Rice)"
+        )
+
+    def _of_several(self) -> str:
+        shifts = {n: c.displacement_std for n, c in self.coordinates.items()}
+        gaps = {name: gap.three_sigma for name, gap in self.impact_pairs.items()}
+        most = [
+            f"{words}{LENGTH.text(found[name], '.3g')} ({name})"
+            for words, found in (("rms up to ", shifts), ("three sigma of gaps up to ", gaps))
+            if (name := max(set(found) - set(self.rotations), key=found.__getitem__, default=None))
+        ]
+        return f"{len(self.coordinates)} coordinates and points, {'; '.join(most)}"
 
     def _remarks(self) -> Sequence[str]:
         return (*self.notes, *self.warnings)

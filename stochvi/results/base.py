@@ -4,6 +4,7 @@ notebook page; the class `Response`."""
 
 from __future__ import annotations
 
+import difflib
 import html
 import math
 import re
@@ -290,6 +291,46 @@ def _suffix(unit: str) -> str:
 # ------------------------------------------------------------------------------
 
 
+MOST_NAMES = 12
+"""Largest number of known names that the message on a wrong one lists."""
+
+
+def unknown_name(name: object, known: Iterable[str]) -> KeyError:
+    """The error for a wrong name, with the known ones, the nearest first.
+
+    >>> unknown_name("stop", ["x", "stops", "stops.collision_rate"])
+    KeyError('stop; known: stops, stops.collision_rate, x')
+    """
+    match = difflib.SequenceMatcher(b=str(name))
+
+    def likeness(other: str) -> float:
+        match.set_seq1(other)
+        return match.ratio()
+
+    ordered = sorted(known, key=likeness, reverse=True)
+    more = [f"and {left} more"] if (left := len(ordered) - MOST_NAMES) > 0 else []
+    return KeyError(f"{name}; known: {', '.join([*ordered[:MOST_NAMES], *more]) or 'none'}")
+
+
+class Named(dict[str, Any]):
+    """Parts of an answer by name, as attributes too; a wrong name is told with the known ones.
+
+    >>> Named(clearance=0.004).clearance
+    0.004
+    """
+
+    def __missing__(self, name: str) -> Any:
+        raise unknown_name(name, self)
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in self:
+            raise AttributeError(*unknown_name(name, self).args)
+        return self[name]
+
+    def __dir__(self) -> Iterable[str]:
+        return [*super().__dir__(), *self]
+
+
 COMMON = ("warnings", "cost", "provenance", "interrupted")
 """Fields that every answer has; they come last in documents."""
 
@@ -340,7 +381,41 @@ class Result:
         check_methods(cls)
 
     def __repr__(self) -> str:
-        return f"<{self.summary()}>"
+        return f"{type(self).__name__}: {self.summary()}"
+
+    @property
+    def quantities(self) -> Mapping[str, Any]:
+        """The numbers of each coordinate, impact pair or event by its name, as sweeps name them."""
+        return {**getattr(self, "coordinates", {}), **getattr(self, "impact_pairs", {})}
+
+    @property
+    def _parts(self) -> Mapping[str, Any]:
+        """What `answer[name]` finds."""
+        return self.quantities
+
+    def _by_name(self) -> Named:
+        """The parts by name, and every number that is known by the dotted name that it has in
+        sweeps."""
+        dotted = {
+            f"{owner}.{name}": each
+            for owner, part in self._parts.items()
+            for name, each in (part if isinstance(part, Mapping) else vars(part)).items()
+            if isinstance(each, Estimate | float)
+        }
+        return Named({**self._parts, **dotted})
+
+    def __getitem__(self, name: str) -> Any:
+        """The numbers of a coordinate or pair, `answer["stops"].collision_rate`, or one of them,
+        `answer["stops.collision_rate"]`."""
+        return self._by_name()[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._by_name()
+
+    __iter__ = None  # an answer is no sequence
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self._by_name())
 
     def __eq__(self, other: object) -> bool:
         """Whether the other answer is of the same kind, and has the same JSON document but for its
@@ -512,7 +587,7 @@ class Quantities(Mapping[str, Quantity]):
 
     def __getitem__(self, name: str) -> Quantity:
         if name not in self._names():
-            raise KeyError(f"{name}; known: {', '.join(self._names())}")
+            raise unknown_name(name, self._names())
         return cast("Quantity", getattr(self, name))
 
     def __iter__(self) -> Iterator[str]:
@@ -665,7 +740,9 @@ class Response(Result):
     >>> import stochvi
     >>> scene = stochvi.load_scene(stochvi.scenes.shipped_scene("oscillator-elastic"))
     >>> response = stochvi.exact(scene)
-    >>> round(response.coordinates["x"]["velocity_std"].value, 3)
+    >>> response["x"].velocity_std.value == response["x.velocity_std"].value
+    True
+    >>> round(response["x.velocity_std"].value, 3)
     1.0
     >>> response.to_frame().columns[:4].tolist()
     ['method', 'of', 'quantity', 'unit']
@@ -689,21 +766,22 @@ class Response(Result):
                 owner: each if isinstance(each, record) else record(**each)
                 for owner, each in getattr(self, name).items()
             }
-            object.__setattr__(self, name, group)
+            object.__setattr__(self, name, Named(group))
+
+    @property
+    def quantities(self) -> Mapping[str, Any]:
+        """Those of the coordinates and pairs, and the statistics of one's own."""
+        own = {"statistics": Named(self.statistics)} if self.statistics else {}
+        return {**super().quantities, **own}
 
     def estimates(self) -> dict[tuple[str, str], Estimate]:
         """Every estimate that exists, keyed by (coordinate or pair, quantity)."""
-        found: dict[tuple[str, str], Estimate] = {}
-        owners: list[tuple[str, Mapping[str, Any]]] = [
-            *self.coordinates.items(),
-            *self.impact_pairs.items(),
-        ]
-        for owner, quantities in owners:
-            for name, estimate in quantities.items():
-                if isinstance(estimate, Estimate):
-                    found[owner, name] = estimate
-        found.update({("statistics", name): each for name, each in self.statistics.items()})
-        return found
+        return {
+            (owner, name): each
+            for owner, part in self.quantities.items()
+            for name, each in part.items()
+            if isinstance(each, Estimate)
+        }
 
     def densities(self) -> Mapping[str, Any]:
         """Densities of the coordinate, or of every gap, of a simulation or of averaging, by name.

@@ -32,7 +32,7 @@ from stochvi.methods.monte_carlo.simulation import check_threshold
 from stochvi.model.coverage import beyond_one_oscillator, free_motion
 from stochvi.model.modal import linear_law
 from stochvi.model.model import UPPER, Model, Pair, model_of
-from stochvi.results.base import Result, Stated, in_chosen_units, quantities_of, stated
+from stochvi.results.base import Named, Result, Stated, in_chosen_units, quantities_of, stated
 from stochvi.results.deadline import Deadline, partial_result
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import (
@@ -438,6 +438,11 @@ class ImpactStatistics(Result):
     each: bool = True
     assumptions: Sequence[str] = ()
 
+    @property
+    def quantities(self) -> Mapping[str, Any]:
+        """The fields of each pair, and its rates as a `Response` names them."""
+        return {name: Named({**vars(pair), **_rates(pair)}) for name, pair in self.pairs.items()}
+
     def to_frame(self) -> pd.DataFrame:
         """A tidy table of all numbers: one row per pair and quantity."""
         import pandas as pd
@@ -524,6 +529,14 @@ class ImpactStatistics(Result):
                 f"windows of {self.window:.3g} s)"
             )
         return "; ".join(found)
+
+
+def _rates(pair: PairStatistics) -> dict[str, Estimate]:
+    """Rates of impacts by the names that they have in a `Response`."""
+    return {
+        "collision_rate" + (f"_{side}" if side != "both" else ""): rate.estimate
+        for side, rate in pair.rates.items()
+    }
 
 
 def _is_no_rate(stated: tuple[str, Stated]) -> bool:

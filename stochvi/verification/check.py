@@ -174,9 +174,6 @@ class Check(Result):
             )
         return f"{len(judged)} comparisons ({balances} of them balances) agree {within}"
 
-    def __repr__(self) -> str:
-        return f"<check: {self.summary()}>"
-
     def to_frame(self) -> pd.DataFrame:
         """One row per comparison."""
         import pandas as pd
@@ -655,9 +652,6 @@ class Checks(Result):
             f"{100.0 * FAMILY_ALARM_RATE:g} %)"
         )
 
-    def __repr__(self) -> str:
-        return f"<checks: {self.summary()}>"
-
     def to_frame(self) -> pd.DataFrame:
         """One row per comparison of every scene."""
         import pandas as pd
@@ -888,7 +882,10 @@ class Explanation(Result):
         """The effects that a simulation of the scene contains, or why there is none."""
         if not self.simulated:
             return f"not simulated: {self.methods['simulate']}"
-        return f"simulated: {', '.join(self.effects)}"
+        covered = sum(each == APPLIES for each in self.methods.values())
+        return (
+            f"simulated: {', '.join(self.effects)}; {covered} of {len(self.methods)} methods apply"
+        )
 
     def with_start(self, seconds: float) -> Explanation:
         """The explanation whose price has some seconds more before the first path: of a command,

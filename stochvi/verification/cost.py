@@ -299,9 +299,6 @@ class WorkPrecision(Result):
             f"; {quantity} of {of} takes longest, its standard error here is {100.0 * error:.2g} %"
         )
 
-    def __repr__(self) -> str:
-        return f"<cost: {self.summary()}>"
-
     def to_frame(self) -> pd.DataFrame:
         """One row per step and quantity, then one per model and quantity; errors are relative.
 

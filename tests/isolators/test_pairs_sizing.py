@@ -50,7 +50,6 @@ from stochvi.scenes.scene import ImpactPair, scene_from
 from stochvi.statistics.clusters import bursts
 from stochvi.statistics.crossings import first_crossings
 from stochvi.statistics.rare_hits import Limit, exceedance
-from stochvi.sweeps import summary_of_sizing
 from stochvi.testing import assert_agrees
 from stochvi.views.isolator_tables import pairs_grids
 from stochvi.views.report.sections import (
@@ -443,7 +442,7 @@ def test_a_limit_far_above_every_impact_is_kept_by_the_smallest_clearances_that_
     assert "are enough, and less may be" in found.verdict()
     assert found.to_dict()["kept_with"]["value"] <= 0.2
     for name, c in found.clearances.items():
-        told = summary_of_sizing(found).quantities[name]["clearance"]
+        told = found[f"{name}.clearance"]
         assert told is not None and told.upper_95 == c.value
     # some windows cannot show that one mission in a million exceeds it: farther stops can
     rare = asked | {"exceedance": 1e-6, "budget": 10.0}

@@ -186,7 +186,8 @@ def test_the_document_holds_plain_numbers(hourly: Sizing) -> None:
     assert document["target"] == {
         "name": "probability", "value": 0.01, "unit": "1", "exceedance": None,
     }  # fmt: skip
-    assert " mm per side from " in repr(hourly) and "1 %" in hourly._repr_html_()
+    assert repr(hourly).startswith("Sizing: make ") and " mm (1 % in 1 h at " in repr(hourly)
+    assert "1 %" in hourly._repr_html_()
     assert hourly.to_frame() is hourly.curve
 
 

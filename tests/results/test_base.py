@@ -273,6 +273,47 @@ def test_a_page_shows_what_was_found_and_drops_no_warning(answer: Result) -> Non
     assert answer.summary().split("<")[0] in page
 
 
+def test_an_answer_shows_a_number_and_finds_its_numbers_by_name(answer: Result) -> None:
+    assert re.search(r"\d", repr(answer))
+    for name in answer._ipython_key_completions_():
+        owner, dot, quantity = name.partition(".")
+        part = answer[owner]
+        assert name in answer
+        assert answer[name] == (getattr(part, quantity) if dot else part)
+    with pytest.raises(KeyError, match="such; known: "):
+        answer["no.such"]
+    assert "no.such" not in answer
+    with pytest.raises(TypeError):
+        iter(answer)  # it is no sequence
+
+
+def test_a_wrong_name_is_told_with_the_nearest_known_one_first() -> None:
+    found = stochvi.exact(oscillator(-1.0, 1.0, 1.0))
+    assert found["stops"].collision_rate is found["stops.collision_rate"]
+    for wrong, part in (("stop", found), ("stop", found.impact_pairs), ("stopss", found)):
+        with pytest.raises(KeyError, match=f"{wrong}; known: stops"):
+            part[wrong]
+    with pytest.raises(KeyError, match=r"known: stops.collision_rate, .* and \d+ more"):
+        found["stops.colision_rate"]
+    with pytest.raises(AttributeError, match="clearence; known: clearance"):
+        _ = base.Named(clearance=1.0).clearence
+
+
+def test_the_names_of_an_answer_are_those_of_a_sweep() -> None:
+    scene = oscillator(-1.0, 1.0, 1.0)
+    (row,) = stochvi.sweep(scene, {"structure.mass": [1.0]}, method="exact").to_dict("records")
+    found = stochvi.exact(scene)
+    for name in found._by_name():
+        if "." in name:
+            assert row[name] == float(found[name])
+    impacts_of = impacts(lossy(), paths=16, duration=20.0, threads=1)
+    rate = impacts_of["stops.collision_rate_lower"]
+    assert rate is impacts_of.pairs["stops"].rates["lower"].estimate
+    sizing = sizing_of(scene_between_stops(), paths=64)
+    assert sizing["stops"].clearance == sizing["stops.clearance"] == sizing["size.clearance"]
+    assert float(sizing["stops.clearance"]) == sizing.clearance.value
+
+
 def test_a_document_drops_no_warning(answer: Result) -> None:
     # notes, hints or the documents of responses hold what a reader of these must know
     elsewhere = {"Check", "Explanation", "Judgement", "Screening"}

@@ -19,8 +19,8 @@ from stochvi.mathematics.units import ACCELERATION, LENGTH, RATE, shown_as, spok
 from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.model.coverage import NaturalMode, free_motion, natural_modes
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import Response, Result
-from stochvi.results.estimates import Estimate, spoken_percent
+from stochvi.results.base import Named, Response, Result
+from stochvi.results.estimates import GAUSSIAN_95, Estimate, spoken_percent
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody
@@ -424,6 +424,33 @@ class ClearanceAnswer(Result):
         """The name of the widest gap in words, empty where there is one pair."""
         return f" for {self.extremes()[1]}" if self.several else ""
 
+    @property
+    def quantities(self) -> Mapping[str, Any]:
+        """The clearances of several pairs, or that of the only one as the "size"."""
+        by_pair = self._by_pair()
+        return by_pair if self.several else {"size": by_pair.popitem()[1]}
+
+    @property
+    def _parts(self) -> Mapping[str, Any]:
+        """Clearances by pair, and what sweeps have."""
+        return {**self._by_pair(), **self.quantities}
+
+    def _by_pair(self) -> dict[str, Named]:
+        return {name: Named(clearance=self._estimate(c)) for name, c in self.clearances.items()}
+
+    def _estimate(self, c: Clearance) -> Estimate:
+        """A clearance with the error of its interval, taken for Gaussian; an upper limit where
+        smaller ones may keep the target too."""
+        if not c.lower:
+            return Estimate(value=0.0, upper_95=c.value, how="the nearest stops judged")
+        error = (c.upper - c.lower) / (2.0 * GAUSSIAN_95)
+        return Estimate(value=c.value, standard_error=error, how=self.how)
+
+    @property
+    def how(self) -> str:
+        """How the clearances were found, in words."""
+        return "all phases together"
+
     def extremes(self) -> tuple[str, str]:
         """Names of the pairs with the smallest and with the largest clearance."""
         values = {name: each.value for name, each in self.clearances.items()}
@@ -774,6 +801,27 @@ class Sizing(ClearanceAnswer):
         return "probability_alone" in self.curve
 
     @property
+    def how(self) -> str:
+        """The method."""
+        return self.method
+
+    @property
+    def quantities(self) -> Mapping[str, Any]:
+        """The clearances, and as parts of the "size" three sigma and the impacts."""
+        three, found = self.three_sigma, super().quantities
+        of_one = {
+            "three_sigma": Estimate(value=three.clearance),
+            "rms_displacement": Estimate(value=self.sigma),
+        }
+        own = {} if self.several else found["size"] | of_one
+        own |= {"probability_at_three_sigma": three.probability}
+        own |= {"expected_hits": self.expected_hits}
+        return {"size": Named(own), **(found if self.several else {})}
+
+    def _estimate(self, c: Clearance) -> Estimate:
+        return super()._estimate(c if self.kept_with is None else replace(c, lower=0.0))
+
+    @property
     def named(self) -> Mapping[str, Clearance]:
         """The calculated clearances by their columns in tables of changed scenes."""
         return self.clearances if self.several else {"clearance": self.clearance}
@@ -1001,7 +1049,13 @@ class Sizing(ClearanceAnswer):
         return self.curve
 
     def __repr__(self) -> str:
-        return f"<size: {self.verdict()}>"
+        if self.made is None or self.target.name != "probability" or self.production is not None:
+            return super().__repr__()
+        chance, mission = spoken_percent(self.target.value), spoken_mission(self.mission)
+        at = LENGTH.text(self.clearance.value, ".3g")
+        make = self._places() if self.several else self.made
+        widest = f", {self.extremes()[1]}" if len(self.clearances) > 1 else ""
+        return f"Sizing: make {make} ({chance} in {mission}{widest} at {at})"
 
     def _shown(self) -> pd.DataFrame:
         return self.pairs if self.several else self.required

@@ -34,7 +34,7 @@ from stochvi.model.coverage import (
     rubbing,
 )
 from stochvi.model.model import Model, Pair, Stop, inertia_of, model_of
-from stochvi.results.base import Quantities, Result, of_angle, stated
+from stochvi.results.base import Named, Quantities, Result, of_angle, stated
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import MOST_NUMBERS, NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
@@ -332,12 +332,12 @@ class Replay(Result):
     @property
     def coordinates(self) -> Mapping[str, CoordinateReplay]:
         """Quantities of the coordinates at the only clearance."""
-        return self.only.coordinates if self.only else {}
+        return Named(self.only.coordinates if self.only else {})
 
     @property
     def impact_pairs(self) -> Mapping[str, PairReplay]:
         """Quantities of the impact pairs at the only clearance."""
-        return self.only.impact_pairs if self.only else {}
+        return Named(self.only.impact_pairs if self.only else {})
 
     @property
     def histories(self) -> Histories | None:

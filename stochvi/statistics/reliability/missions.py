@@ -14,7 +14,7 @@ from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.unsteady_noise import RandomLevel
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import Result, plain
+from stochvi.results.base import Named, Result, plain
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.sampling.run import Run
@@ -163,6 +163,12 @@ class Reliability(Result):
             bias=found.bias,
             how=found.how,
         )
+
+    @property
+    def quantities(self) -> Mapping[str, Any]:
+        """Under "mission" the probabilities by event, and the expected impacts."""
+        chances = {name: chance.estimate for name, chance in self.chances.items()}
+        return {"mission": Named(chances, expected_hits=self.hits)}
 
     def to_frame(self) -> pd.DataFrame:
         """A row per probability."""
