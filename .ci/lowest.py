@@ -66,7 +66,7 @@ def main() -> None:
         run(*wheels, *lowest(project["dependencies"]), *TOOLS)
         run("python", "-m", "pip", "install", "--quiet", "--no-deps", "--editable", ".")
         run("python", "-m", "pip", "check")
-        run("stochvi", "demo", "--out", home / "demo")
+        run("stochvi", "demo", "--theory", "--out", home / "demo")
         run("stochvi", "new", home / "road.toml", "--kind", "road")
         run("stochvi", "size", home / "road.toml", "--probability", "1%", "--mission", "10min",
             "--rel-error", "0.1", "--out", home / "size")  # fmt: skip

@@ -177,7 +177,7 @@ WORDS = {
     "exact, fokker-planck, first-passage, linearise, average": "Solve a scene by theory.",
     "check, cost, judge, problems": "Compare methods, measure what accuracy costs, and judge other "
     "programs.",
-    "demo, schema": "Run a textbook case; print the JSON Schema of scenes or answers.",
+    "demo, schema": "Size a box on a truck; print the JSON Schema of scenes or answers.",
 }
 """Words of lines of the help that are not those of one command."""
 

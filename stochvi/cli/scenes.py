@@ -3,6 +3,7 @@ ship."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 
 # ------------------------------------------------------------------------------
-# The command `demo`: a textbook oscillator and a real isolator, by all methods.
+# The command `demo`: the truck is sized; or theory, a textbook oscillator by all methods.
 # ------------------------------------------------------------------------------
 
 
@@ -32,17 +33,21 @@ CLEARANCES_IN_SIGMA = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
 """Clearances of the isolator in the table, in rms displacements without stops."""
 
 
-@command("seed, threads, quiet", reads="")
-def demo(options: Common, out: Path) -> None:
-    """Run a textbook case and a truck isolator.
+@command("seed, threads, force, quiet, verbose", reads="")
+def demo(options: Common, out: Path, theory: bool) -> None:
+    """Size the box on a truck, and write its page.
 
-    --out DIR (path) = out  Where tables and pictures go.
+    --out DIR (path) = out  Where the page, tables and pictures go.
+    --theory  Instead: a textbook case and the truck's mount by all methods, which have to agree.
     """
     from stochvi.cli.program import check_folder_target
 
     check_folder_target(out)
     console = console_for(None)
     console.quiet = options.quiet
+    if not theory:
+        _size_the_truck(options, out, console)
+        return
     with progress_bar(options.quiet, "demo", console) as report:
         agreed = run_demo(options, out, console, report)
     console.print(f"\ntables and pictures are in {out}/", highlight=False)
@@ -50,8 +55,24 @@ def demo(options: Common, out: Path) -> None:
         stop("the methods disagree, see above", FAILED)
 
 
+def _size_the_truck(options: Common, out: Path, console: Console) -> None:
+    """`stochvi size` of the shipped truck, then what to make and where the page is."""
+    from stochvi.isolators.sizing.answer import RoundedClearance
+    from stochvi.scenes.datasets import shipped_scene
+
+    click.get_current_context().invoke(
+        main.commands["size"], scene=str(shipped_scene("isolator-truck")), probability=0.01,
+        mission=3600.0, seed=options.seed, threads=options.threads, force=options.force,
+        quiet=options.quiet, verbose=options.verbose, units=options.units, out=out,
+    )  # fmt: skip
+    made = RoundedClearance(**json.loads((out / "size.json").read_text("utf-8"))["made"])
+    console.print(f"\nclearance to make: {made} on each side", highlight=False)
+    console.print(f"its page: {out / 'report.html'}; your own scene: stochvi new truck.toml",
+                  highlight=False, soft_wrap=True)  # fmt: skip
+
+
 def run_demo(options: Common, out: Path, console: Console, report: Progress) -> bool:
-    """Run the demo, print its tables, write them with pictures to `out`; True if all agree."""
+    """Run the theory, print its tables, write them with pictures to `out`; True if all agree."""
     from stochvi.scenes.datasets import shipped_scene
     from stochvi.scenes.scene import load_scene
     from stochvi.verification.check import check

@@ -40,6 +40,25 @@ def by_python() -> Sizing:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("short_review", "blank_pictures")
+def test_the_demo_is_the_sizing_of_the_truck_and_ends_with_its_page(
+    stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "size").mkdir()
+    monkeypatch.chdir(tmp_path / "size")
+    asked = ("--probability", "1%", "--mission", "1h", "--out", "out")
+    sizing = stochvi("size", ISOLATOR, *asked)
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = stochvi("demo")
+    assert code == 0
+    assert out == sizing.out + (
+        "\nclearance to make: 11.3 mm on each side\n"
+        f"its page: {Path('out/report.html')}; your own scene: stochvi new truck.toml\n"
+    )
+    assert Path("out/report.html").is_file()
+
+
+@pytest.mark.slow
 @pytest.mark.usefixtures("short_review")
 def test_the_clearance_and_what_three_sigma_buys(
     stochvi: Run, tmp_path: Path, by_python: Sizing
