@@ -246,7 +246,7 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
     from stochvi.results.errors import NotApplicable
     from stochvi.scenes.scene import load_scene
     from stochvi.views.files import write_clearance
-    from stochvi.views.isolator_tables import print_clearance, print_record
+    from stochvi.views.isolator_tables import curve_told, record_told
 
     loaded = load_scene(scene)
     if not loaded.impact_pairs:
@@ -263,8 +263,7 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
     places = np.transpose([lengths("--gaps", gaps, plain=std) for std in stds.values()])
     places = places.reshape(-1, len(stds))
     unseen: list[str] = []
-    if not options.quiet:
-        print_record(options.console, record)
+    options.say(record_told(record))
 
     def simulated() -> pd.DataFrame:
         with options.progress("clearance") as report:
@@ -280,7 +279,7 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
             "notes": notes,
             "record": plain(record),
         }
-        options.tell(document, lambda console: print_clearance(console, curve, notes))
+        options.tell(document, lambda: [curve_told(curve, notes)])
         if options.out is not None:
             write_clearance(curve, predicted_curve(loaded, curve), loaded.title, options.out)
 

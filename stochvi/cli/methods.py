@@ -351,14 +351,11 @@ def reliability(question: Question) -> Show:
     from stochvi.isolators.production_risk import production, unmet
     from stochvi.results.errors import NotApplicable
     from stochvi.scenes.scene import phase_duration
-    from stochvi.views.isolator_tables import print_production
-    from stochvi.views.tables import print_line
+    from stochvi.views.isolator_tables import production_told
 
     asked, options, scene = question.asked, question.options, question.scene
     asked["mission"] = asked["mission"] or phase_duration(question.file)
-    tolerances, limit, barrier = (
-        asked.pop("tolerances"), asked["peak_acceleration"], asked["barrier"]
-    )  # fmt: skip
+    tolerances, barrier = asked.pop("tolerances"), asked["barrier"]
     allowed, spreads = tolerances_of(scene, tolerances)
     if tolerances is not None and not spreads:
         raise ValueError(
@@ -378,7 +375,7 @@ def reliability(question: Question) -> Show:
     deadline = options.until(options.budget)
     asked |= {
         "barrier": None if barrier is None else barriers(barrier),
-        "peak_acceleration": acceleration(limit),
+        "peak_acceleration": acceleration(asked["peak_acceleration"]),
         "way": asked["way"] and asked["way"].replace("-", " "),
         "budget": deadline.part(0.5 if spreads else 1.0),
     }
@@ -394,12 +391,9 @@ def reliability(question: Question) -> Show:
     def show(answer: Reliability) -> None:
         units = [units_of(answer)] if spreads else []
         document = answer.to_dict() | ({"production": units[0].to_dict()} if units else {})
-        limit_in_g = limit if (limit or "").endswith("g") else None
-        question.show(answer, document=document, limit_in_g=limit_in_g)
+        question.show(answer, document=document)
         for each in units:
-            if not options.quiet:
-                print_line(options.console, each.summary())
-                print_production(options.console, each)
+            options.say(production_told(each))
             options.draw("production", each.plot)
         if options.out is not None:
             from stochvi.isolators.screening import scene_at_rest

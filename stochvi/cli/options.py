@@ -9,7 +9,7 @@ import hashlib
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from stochvi.results.deadline import Progress
     from stochvi.results.files import Origin
     from stochvi.scenes.scene import Scene
+    from stochvi.views.pages import Told
 
 BUDGET = 60.0
 """Wall time that a command may take to reach an accuracy, s, unless --budget is given."""
@@ -172,17 +173,13 @@ class Common:
         verdict: tuple[RecordVerdict | None, str] = (None, ""), **words: Any,
     ) -> None:  # fmt: skip
         """Show an answer as the options ask: its JSON document, what is told of it, its tables and
-        its picture under the title of the scene. `words` are for its printer alone."""
+        its picture under the title of the scene. `words` are for its description alone."""
         from stochvi.views.files import write_table
         from stochvi.views.pictures import view_of
 
         view = view_of(found)
-
-        def tell(console: Console) -> None:
-            if view.tell(console, found, self.verbose, **words):
-                self.say_what_comes_next(console)
-
-        self.tell(found.to_dict() if document is None else document, tell, *verdict)
+        document = found.to_dict() if document is None else document
+        self.tell(document, lambda: [view.tell(found, **words)], *verdict)
         if self.out is None:
             return
         for name, table in view.files(found).items():
@@ -191,15 +188,15 @@ class Common:
             self.draw(view.file, lambda: view.draw(found, scene.title if scene else ""))
 
     def tell(
-        self, document: Mapping[str, Any], tell: Callable[[Console], None],
+        self, document: Mapping[str, Any], told: Callable[[], Sequence[Told]],
         record: RecordVerdict | None = None, where: str = "",
     ) -> None:  # fmt: skip
         """Write the JSON document of an answer, and print it. Files stay if a later step fails.
 
         Parameters
         ----------
-        tell
-            Prints the answer on a console.
+        told
+            Describes the answer.
         record, where
             Whether a record of the scene agrees with the Gaussian noise of the answer, which stands
             first, and the phase that it shakes.
@@ -214,12 +211,21 @@ class Common:
         finally:  # a disk that is full costs the file, not the answer
             if not self.quiet:
                 if record is not None:
-                    from stochvi.views.isolator_tables import print_record
+                    from stochvi.views.isolator_tables import record_told
 
-                    print_record(self.console, record, where)
-                tell(self.console)
+                    self.say(record_told(record, where))
+                self.say(*told())
 
-    def say_what_comes_next(self, console: Console) -> None:
+    def say(self, *told: Told) -> None:
+        """Print descriptions, unless --quiet is given, and behind a brief one what comes next."""
+        from stochvi.views.pages import print_told
+
+        for each in () if self.quiet else told:
+            print_told(self.console, each, self.verbose)
+            if each.brief:
+                self._say_what_comes_next(self.console)
+
+    def _say_what_comes_next(self, console: Console) -> None:
         """Name the way to the evidence of a brief answer, and to its page."""
         from stochvi.cli.program import COMMAND_LINE
 

@@ -99,20 +99,20 @@ def _show_textbook(scene: Scene, verdict: Check, label: str, out: Path, console:
     from stochvi.statistics.densities import overview
     from stochvi.views.density import draw_overview
     from stochvi.views.files import try_picture, write_table
-    from stochvi.views.tables import methods_table, print_frame
-    from stochvi.views.verification import print_check
+    from stochvi.views.pages import Grid, Section, Told, print_told
+    from stochvi.views.tables import methods_table
+    from stochvi.views.verification import check_told
 
     console.print(f"\nOscillator between stops at 1 sigma, {label}", style="bold", highlight=False)
     forms = [linearise(scene, form=form, variant="book") for form in ("motion", "force")]
-    table = methods_table([*verdict.responses, *forms])
-    print_frame(console, table, "by all methods, SI units; standard errors in brackets")
-    console.print(
-        "closure, motion, force: statistical linearisation, approximate; book: as printed there",
-        style="dim",
-        highlight=False,
+    title = "by all methods, SI units; standard errors in brackets"
+    table = Grid.of(title, methods_table([*verdict.responses, *forms]))
+    meaning = (
+        "closure, motion, force: statistical linearisation, approximate; book: as printed there"
     )
+    print_told(console, Told(sections=[Section(grids=[table], notes=[meaning])]))
     if not verdict.passed:
-        print_check(console, verdict)
+        print_told(console, check_told(verdict))
     console.print(verdict.summary(), highlight=False)
     write_table(verdict.to_frame(), out / "check.csv")
     write_table(
@@ -131,11 +131,12 @@ def _show_isolator(
     from stochvi.statistics.densities import overview
     from stochvi.views.density import draw_overview
     from stochvi.views.files import try_picture, write_clearance, write_table
-    from stochvi.views.isolator_tables import print_clearance, print_screening
+    from stochvi.views.isolator_tables import curve_told, screening_told
+    from stochvi.views.pages import print_told
 
     console.print(f"\n{scene.title}", style="bold", highlight=False)
     linear = screen(scene)
-    print_screening(console, linear)
+    print_told(console, screening_told(linear))
     write_table(linear.to_frame(), out / "screening.csv")
     curve = clearance_curve(
         scene,
@@ -144,7 +145,7 @@ def _show_isolator(
         threads=options.threads,
         progress=lambda done, text: report(0.35 + 0.55 * done, f"impact rate: {text}"),
     )
-    print_clearance(console, curve)
+    print_told(console, curve_told(curve))
     report(0.92, "pictures")
     write_clearance(curve, predicted_curve(scene, curve), scene.title, out)
     try_picture(lambda: draw_overview(overview(scene), scene.title), out / "overview.png")
@@ -263,7 +264,7 @@ def profiles() -> None:
     from stochvi.mathematics.units import STANDARD_GRAVITY
     from stochvi.scenes.datasets import profiles as shipped
     from stochvi.scenes.excitations import TabulatedNoise
-    from stochvi.views.tables import print_frame
+    from stochvi.views.pages import Grid, Section, Told, print_told
 
     rows = [
         {
@@ -276,7 +277,8 @@ def profiles() -> None:
         }
         for profile in shipped().values()
     ]
-    print_frame(console_for(None), pd.DataFrame(rows), "profiles, g rms as stated and recomputed")
+    table = Grid.of("profiles, g rms as stated and recomputed", pd.DataFrame(rows))
+    print_told(console_for(None), Told(sections=[Section(grids=[table])]))
 
 
 @main.command()

@@ -189,9 +189,8 @@ def sweep(
     from stochvi.scenes.scene import load_scene
     from stochvi.sweeps import once, values_of
     from stochvi.sweeps import sweep as solve
-    from stochvi.views.datasets import terminal_table, unseen, write_sweep, write_sweep_table
-    from stochvi.views.isolator_tables import print_record
-    from stochvi.views.tables import LAST_DIGITS, NEVER_SEEN, print_frame
+    from stochvi.views.datasets import sweep_told, unseen, write_sweep, write_sweep_table
+    from stochvi.views.isolator_tables import record_told
 
     given = {"dask": dask} | asked
     given = {name: value for name, value in given.items() if value is not None}
@@ -229,13 +228,7 @@ def sweep(
         stop(f"interrupted by Ctrl-C; {kept}", FAILED)
     # of the scene as it stands; a row may change what its record moves
     record, judged_in = (None, "") if method == "replay" else judged_phase(loaded)
-    if not options.quiet:
-        print_record(options.console, record, judged_in)
-        print_frame(options.console, terminal_table(table, list(ranges)), method)
-        if method == "simulate":
-            options.console.print(LAST_DIGITS, style="dim", highlight=False)
-        if unseen(table).any():
-            options.console.print(NEVER_SEEN, style="dim", highlight=False)
+    options.say(record_told(record, judged_in), sweep_told(table, list(ranges), method))
     if options.out is not None:
         write_sweep(table, list(ranges), options.out, loaded.title)
     fail_unless_gaussian(record)

@@ -99,7 +99,7 @@ def explain(options: Common, scene: str, budget: float) -> None:
     from stochvi.scenes.scene import load_scene
     from stochvi.verification.check import explain as explain_scene
     from stochvi.verification.check import explain_phases
-    from stochvi.views.verification import print_phases
+    from stochvi.views.verification import phases_told
 
     loaded = load_scene(scene)
     before = time.process_time()  # a command that starts does nothing else
@@ -110,7 +110,7 @@ def explain(options: Common, scene: str, budget: float) -> None:
         phases = {name: each.with_start(before) for name, each in answers}
         each = {name: answer.to_dict() for name, answer in phases.items()}
         document = {"method": "explain", "phases": each}
-        options.tell(document, lambda console: print_phases(console, phases))
+        options.tell(document, lambda: phases_told(phases))
         found, loaded = next(iter(phases.values())), loaded.in_phase(loaded.phases[0].name)
     else:
         phases = {}
@@ -152,12 +152,10 @@ def problems(options: Common, paths: int, relaxations: float) -> None:
     )
     from stochvi.verification.testing.problems import shipped_problems
     from stochvi.views.files import write_json, write_table, write_text
-    from stochvi.views.verification import print_problems
+    from stochvi.views.verification import problems_told
 
     found = shipped_problems(paths=paths, relaxations=relaxations)
-    if not options.quiet:
-        sentences = {each[0].name: in_a_sentence(*each) for each in found}
-        print_problems(options.console, sentences)
+    options.say(problems_told({each[0].name: in_a_sentence(*each) for each in found}))
     if options.out is None:
         return
     import pandas as pd

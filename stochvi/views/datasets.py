@@ -18,8 +18,11 @@ from stochvi.results.estimates import BIAS, BIAS_ERROR, ERROR, GAUSSIAN_95, LIMI
 from stochvi.scenes.keys import KEY_UNITS
 from stochvi.views.axes import axes_or_new
 from stochvi.views.files import try_picture, write_bytes, write_table
+from stochvi.views.pages import Grid, Section, Told
 from stochvi.views.tables import (
+    LAST_DIGITS,
     NEGLIGIBLE,
+    NEVER_SEEN,
     NO_VALUE,
     QUANTITY_NAMES,
     Heading,
@@ -131,6 +134,14 @@ def terminal_table(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
                 cell(*numbers) for numbers in columns.itertuples(index=False, name=None)
             ]
     return found
+
+
+def sweep_told(table: pd.DataFrame, keys: Sequence[str], method: str) -> Told:
+    """The table as a terminal shows it, and what its notation means."""
+    notes = [LAST_DIGITS] if method == "simulate" else []
+    notes += [NEVER_SEEN] if unseen(table).any() else []
+    grid = Grid.of(method, terminal_table(table, keys), words=None)
+    return Told(sections=[Section(grids=[grid], notes=notes)])
 
 
 def unseen(table: pd.DataFrame) -> pd.Series:

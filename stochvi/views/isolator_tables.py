@@ -34,7 +34,6 @@ from stochvi.views.pages import (
     Section,
     Told,
     capital,
-    printed,
     records,
     sentence,
     shown,
@@ -196,10 +195,7 @@ def _share(row: Row, name: str) -> str:
 
 def production_told(found: Production) -> Told:
     """The risk of a production, what its tolerances cost, and how the units differ."""
-    return Told(sections=[production_section(found)])
-
-
-print_production = printed(production_told)
+    return Told(sections=[Section(notes=[found.summary()]), production_section(found)])
 
 
 SHOWN_SHARES = (0.05, 0.5, 0.95, 0.99)
@@ -649,9 +645,6 @@ def screening_told(linear: Screening) -> Told:
     return replace(told, sections=[screening_section(linear)], warnings=linear.notes)
 
 
-print_screening = printed(screening_told)
-
-
 def screening_section(linear: Screening) -> Section:
     """The motion without stops, of coordinates, points and gaps."""
     caption = "linear screening, stops left out"
@@ -696,9 +689,6 @@ def record_told(record: RecordVerdict | None, where: str = "") -> Told:
     return Told(verdict=f"{where}{record.sentence()}", alarm=not record.agrees)
 
 
-print_record = printed(record_told)
-
-
 def curve_told(curve: pd.DataFrame, notes: Sequence[str] = ()) -> Told:
     """The impact rate against clearance, as `clearance_curve` returns it, and the notes on it."""
     pair = {"pair": lambda row: row["pair"]} if "pair" in curve else {}
@@ -718,9 +708,6 @@ def curve_told(curve: pd.DataFrame, notes: Sequence[str] = ()) -> Told:
         len(pair),
     )
     return Told(sections=[Section(grids=grids)], warnings=notes)
-
-
-print_clearance = printed(curve_told)
 
 
 def jolts_told(found: Jolts) -> Told:

@@ -13,9 +13,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
+from rich.measure import Measurement
+from rich.table import Table
+
 from stochvi.results.base import Result, plain
 from stochvi.views.files import time_for_pictures, to_json, write_report_page, write_text
-from stochvi.views.tables import NO_VALUE, new_table, print_line, print_table
+from stochvi.views.tables import NO_VALUE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -64,17 +67,20 @@ class Grid:
         cls,
         caption: str,
         table: pd.DataFrame,
-        words: int | Collection[str] = 1,
+        words: int | Collection[str] | None = 1,
         forms: Mapping[str, str] = {},
     ) -> Self:
         """A table with its numbers in four digits, or in the form of their column, and - where one
-        is not known."""
+        is not known. Without `words` they stand wherever not every cell is a number."""
         headings = [str(name) for name in table]
         chosen = [forms.get(name, ".4g") for name in headings]
         rows = [
             [_cell(each, form) for each, form in zip(row, chosen, strict=True)]
             for row in table.itertuples(index=False)
         ]
+        if words is None:
+            columns = zip(headings, zip(*rows, strict=True), strict=True)
+            words = [name for name, cells in columns if not all(map(_is_number, cells))]
         return cls(caption=caption, headings=headings, rows=rows, words=words)
 
     @classmethod
@@ -129,6 +135,14 @@ def _cell(value: object, form: str) -> str:
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return NO_VALUE
     return format(value, form) if isinstance(value, float) else str(value)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return cell == NO_VALUE
+    return True
 
 
 def capital(text: str) -> str:
@@ -260,15 +274,6 @@ def told_of(
     return Told(**own | more)
 
 
-def printed(told: Callable[..., Told]) -> Callable[..., None]:
-    """The printer of an answer, by the function that describes it."""
-
-    def print_answer(console: Console, found: Any, *more: Any, **words: Any) -> None:
-        print_told(console, told(found, *more, **words))
-
-    return print_answer
-
-
 def print_told(console: Console, told: Told, whole: bool = True) -> None:
     """Print the verdict, the statements, tables and notes of all sections, warnings and footer; of
     a brief answer that is not asked for as a `whole`, what answers alone."""
@@ -288,19 +293,40 @@ def _print_evidence(console: Console, told: Told) -> None:
         for grid in section.grids:
             _print_grid(console, grid)
         for note in section.notes:
-            print_line(console, note)
+            _print_line(console, note)
     if told.assumptions:
-        print_line(console, f"assumptions: {'; '.join(told.assumptions)}")
+        _print_line(console, f"assumptions: {'; '.join(told.assumptions)}")
     for line in told.footer:
-        print_line(console, line)
+        _print_line(console, line)
+
+
+def _print_line(console: Console, line: str) -> None:
+    console.print(line, style="dim", highlight=False, markup=False)
+
+
+WIDEST = 10_000
+"""Width of a terminal, in characters, that any table fits into."""
 
 
 def _print_grid(console: Console, grid: Grid) -> None:
-    left = [number for number, flush in enumerate(grid.flush_left) if flush]
-    table = new_table(grid.caption, grid.headings, left)
+    """Print a table after an empty line, as wide as it is: a terminal may wrap its lines, nothing
+    is cut short."""
+    table = Table(
+        title=grid.caption, title_justify="left", title_style="bold", box=None, pad_edge=False
+    )
+    for heading, left in zip(grid.headings, grid.flush_left, strict=True):
+        justify: Any = "left" if left else "right"
+        table.add_column(heading, justify=justify, no_wrap=True, overflow="fold")
     for number, row in enumerate(grid.rows):
         table.add_row(*row, style="bold red" if number in grid.alarms else "")
-    print_table(console, table)
+    needed = Measurement.get(console, console.options.update(width=WIDEST), table).maximum
+    width = console.width
+    console.width = max(needed, width)
+    try:
+        console.print()
+        console.print(table)
+    finally:
+        console.width = width
 
 
 # ------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ from stochvi.views.axes import (
     seconds_of,
     thinned,
 )
-from stochvi.views.pages import Grid, Told, print_told, told_of
+from stochvi.views.pages import Grid, Told, told_of
 from stochvi.views.sizing import plot_pairs_risk, plot_risk
 from stochvi.views.statistics import (
     draw_impacts,
@@ -54,7 +54,6 @@ from stochvi.views.verification import (
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
-    from rich.console import Console
 
     from stochvi.isolators.jolt_response import Jolts
     from stochvi.isolators.sizing.answer import Sizing
@@ -477,12 +476,10 @@ class View(NamedTuple):
         """All tables of an answer by their files."""
         return ({self.file: found.to_frame()} if self.file else {}) | self.tables(found)
 
-    def tell(self, console: Console, found: Any, whole: bool = True, **words: Any) -> bool:
-        """Print an answer, a brief one as a `whole` or not; `words` are for its description alone.
-        Returns whether it is brief."""
+    def tell(self, found: Any, **words: Any) -> Told:
+        """The description of an answer; `words` are for it alone."""
         told: Told = function_of(self.told)(found, **words)
-        print_told(console, told, whole)
-        return told.brief
+        return told
 
     def draw(self, found: Any, title: str) -> Axes:
         """The picture of an answer in a folder, under the title of its scene."""

@@ -684,7 +684,7 @@ SMALLEST_DRAWN = 1e-9
 picture."""
 
 
-def reliability_told(found: Reliability, **_: object) -> Told:
+def reliability_told(found: Reliability) -> Told:
     """The probabilities with their intervals, how each was found, and the expected impacts."""
     mission, chances = spoken_mission(found.mission), list(found.chances.values())
     told = [f"{event_in_words(each)}: {chance_of(each)} ({interval_of(each)})" for each in chances]

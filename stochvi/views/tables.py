@@ -1,4 +1,4 @@
-"""Tables on a terminal. Chapters: numbers and names that are never cut short; numbers in words."""
+"""Numbers and names of tables. Chapters: those that are never cut short; numbers in words."""
 
 from __future__ import annotations
 
@@ -9,9 +9,6 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.console import Console
-from rich.measure import Measurement
-from rich.table import Table
 
 from stochvi.mathematics.units import (
     LENGTH,
@@ -76,22 +73,6 @@ NO_VALUE = "-"
 """Cell of a table where no number is known."""
 
 
-def print_frame(
-    console: Console, frame: pd.DataFrame, title: str, formats: Mapping[str, str] | None = None
-) -> None:
-    """A table of numbers, one format per column (default: 4 significant digits).
-
-    Numbers are set flush right, also those that are text already; "-" stands for a number that is
-    not known.
-    """
-    numeric = {str(name): all(map(_is_number, frame[name])) for name in frame.columns}
-    table = new_table(title, list(numeric), [name for name in numeric if not numeric[name]])
-    for _, row in frame.iterrows():
-        cells = (formatted_cell(row[name], (formats or {}).get(name, ".4g")) for name in numeric)
-        table.add_row(*cells)
-    print_table(console, table)
-
-
 Heading = str | tuple[str, ShownQuantity]
 """Heading of a column, with the quantity of its SI numbers where they have one: "()" in the words
 gets the unit that is shown."""
@@ -148,39 +129,6 @@ def methods_table(responses: Sequence[Response]) -> pd.DataFrame:
             row[words] = value_with_error(quantity(found[name])) if name in found else ""
         rows.append(row)
     return pd.DataFrame(rows)
-
-
-WIDEST = 10_000
-"""Width of a terminal, in characters, that any table fits into."""
-
-
-WORDS = ("of", "quantity", "unit", "verdict", "methods", "by", "change")
-
-
-def new_table(title: str, headings: Sequence[str], words: Sequence[str | int] = WORDS) -> Table:
-    """A table without rows; columns with words, by heading or number, are set flush left."""
-    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
-    for number, heading in enumerate(headings):
-        justify = "left" if heading in words or number in words else "right"
-        table.add_column(heading, justify=justify, no_wrap=True, overflow="fold")  # type: ignore[arg-type]
-    return table
-
-
-def print_table(console: Console, table: Table) -> None:
-    """Print a table after an empty line, as wide as it is: a terminal may wrap its lines, nothing
-    is cut short."""
-    needed = Measurement.get(console, console.options.update(width=WIDEST), table).maximum
-    width = console.width
-    console.width = max(needed, width)
-    try:
-        console.print()
-        console.print(table)
-    finally:
-        console.width = width
-
-
-def print_line(console: Console, line: str) -> None:
-    console.print(line, style="dim", highlight=False, markup=False)
 
 
 def value_with_error(estimate: Estimate, scale: float = 0.0, *, with_bias: bool = True) -> str:
@@ -245,21 +193,6 @@ def relative_bias(estimate: Estimate) -> str:
     if estimate.upper_95 is None and added > abs(estimate.value) > 0.0:
         return f"{added / abs(estimate.value):.1e}"
     return relative_error(added, estimate)
-
-
-def formatted_cell(value: object, form: str) -> str:
-    if isinstance(value, str):
-        return value
-    unknown = value is None or (isinstance(value, float) and math.isnan(value))
-    return NO_VALUE if unknown else format(value, form)
-
-
-def _is_number(cell: object) -> bool:
-    try:
-        float(str(cell))
-    except ValueError:
-        return cell == NO_VALUE
-    return True
 
 
 # ------------------------------------------------------------------------------

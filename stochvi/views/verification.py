@@ -55,20 +55,18 @@ from stochvi.views.axes import (
     seconds_of,
     thinned,
 )
-from stochvi.views.pages import Grid, Section, Told, print_told, printed, told_of
+from stochvi.views.pages import Grid, Section, Told, told_of
 from stochvi.views.tables import (
     NO_VALUE,
     QUANTITY_NAMES,
     UNKNOWN,
     effects_in_words,
-    print_line,
     spoken_length,
     value_with_error,
 )
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from rich.console import Console
 
     from stochvi.identification import Identification
     from stochvi.isolators.record_verdict import RecordVerdict
@@ -245,14 +243,11 @@ def checks_told(verdict: Checks) -> Told:
     return told_of(verdict, [replace(table, alarms=alarms)], notes, alarm=not verdict.passed)
 
 
-print_check = printed(check_told)
-
-
-def print_problems(console: Console, sentences: Mapping[str, str]) -> None:
-    """Print a line for each problem: its name, and a sentence that describes it."""
-    width = max(map(len, sentences))
-    for name, sentence in sentences.items():
-        console.print(f"{name:{width}}  {sentence}", markup=False, highlight=False, soft_wrap=True)
+def problems_told(sentences: Mapping[str, str]) -> Told:
+    """A line for each problem: its name, and a sentence that describes it."""
+    rows = [*sentences.items()]
+    table = Grid(caption="problems", headings=["problem", "what it is"], rows=rows, words=2)
+    return Told(sections=[Section(grids=[table])])
 
 
 def judgement_told(verdict: Judgement) -> Told:
@@ -363,11 +358,12 @@ def explanation_told(explanation: Explanation) -> Told:
     )
 
 
-def print_phases(console: Console, phases: Mapping[str, Explanation]) -> None:
-    """Print the explanation of each phase of a mission."""
-    for name, each in phases.items():
-        print_told(console, replace(explanation_told(each), verdict=f"phase {name}"))
-    print_line(console, "all phases together: size, reliability and damage")
+def phases_told(phases: Mapping[str, Explanation]) -> list[Told]:
+    """The explanation of each phase of a mission."""
+    told = [
+        replace(explanation_told(each), verdict=f"phase {name}") for name, each in phases.items()
+    ]
+    return [*told, Told(footer=["all phases together: size, reliability and damage"])]
 
 
 def _plan(plan: Prospect | None) -> list[str]:

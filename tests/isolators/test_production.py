@@ -43,7 +43,8 @@ from stochvi.results.estimates import spoken_percent
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.statistics.crossings import own_distances
 from stochvi.sweeps import sweep
-from stochvi.views.isolator_tables import print_production, production_section
+from stochvi.views.isolator_tables import production_section, production_told
+from stochvi.views.pages import print_told
 from support import judges
 from support.accuracies import quick_cases
 from support.runs import run_of
@@ -273,7 +274,7 @@ def test_what_is_printed_drawn_and_written_is_the_answer() -> None:
     assert document["spreads"]["clearance"] == {"std": None, "half_width": 2e-4, "mean": 1e-4}
     assert document["clearances"]["stops"]["value"] == pytest.approx(0.01)
     text = StringIO()
-    print_production(Console(file=text, width=200), found)
+    print_told(Console(file=text, width=200), production_told(found))
     told = text.getvalue()
     assert "uniform, ± 0.2 mm, mean +0.1 mm" in told and found.dearest() in told
     assert spoken_percent(found.probability.value) in found.summary()

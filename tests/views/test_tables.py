@@ -14,9 +14,8 @@ from rich.console import Console
 from stochvi import Response, Scene, average, check, explain, fokker_planck, linearise, load_scene
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.views.axes import as_written
-from stochvi.views.pages import print_told
+from stochvi.views.pages import Grid, Section, Told, print_told
 from stochvi.views.pictures import VIEWS, function_of, response_told, view_of
-from stochvi.views.tables import print_frame
 from stochvi.views.verification import check_told, explanation_told
 
 
@@ -30,7 +29,8 @@ def test_numbers_stand_to_the_right_whether_they_are_text_or_not() -> None:
         }
     )
     written = io.StringIO()
-    print_frame(Console(file=written, width=100), frame, "hits")
+    told = Told(sections=[Section(grids=[Grid.of("hits", frame, words=None)])])
+    print_told(Console(file=written, width=100), told)
     above, title, *lines = written.getvalue().splitlines()
     assert (above, title.rstrip()) == ("", "hits")
     assert [line.rstrip() for line in lines] == [
@@ -89,10 +89,8 @@ def test_the_modes_of_a_box_are_not_cut_to_the_width_of_the_terminal() -> None:
 def test_a_number_that_is_not_known_is_a_dash() -> None:
     """Where a budget ended before impacts were counted, a table of a sizing ended in a
     traceback."""
-    written = io.StringIO()
     frame = pd.DataFrame({"hits": pd.Series([2.5, None, float("nan")], dtype=object)})
-    print_frame(Console(file=written, width=100), frame, "hits")
-    assert [line.split()[0] for line in written.getvalue().splitlines()[-3:]] == ["2.5", "-", "-"]
+    assert Grid.of("hits", frame).rows == [["2.5"], ["-"], ["-"]]
 
 
 # ------------------------------------------------------------------------------
@@ -123,6 +121,6 @@ def test_what_the_view_of_an_answer_names_is_there(name: str) -> None:
 
 def test_a_view_of_nothing_is_noticed() -> None:
     with pytest.raises(AttributeError):
-        function_of("pictures:print_nothing")
+        function_of("pictures:nothing_told")
     with pytest.raises(NotImplementedError, match="no picture of int"):
         view_of(1)
