@@ -7,6 +7,9 @@ import sys
 
 def run() -> None:
     """Run the command line; Ctrl-C while it is being imported ends in a sentence, too."""
+    if sys.flags.optimize > 1:
+        sys.stderr.write("stochvi: commands need their docstrings; start Python without -OO\n")
+        sys.exit(2)
     # what is left at the end goes with the process: to look for cycles in it takes half a second
     atexit.register(gc.freeze)
     try:

@@ -90,7 +90,7 @@ def command(shares: str, reads: str = "scene", name: str | None = None) -> Any:
 
     def decorate(function: Command) -> Command:
         if function.__doc__ is None:
-            raise ImportError("commands need their docstrings: start Python without -OO")
+            raise ImportError("commands need their docstrings; start Python without -OO")
         words, options = on_page(function.__doc__)
         run = common(*shares.split(", "))(function)
         for option in reversed(options):

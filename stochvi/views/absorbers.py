@@ -28,7 +28,7 @@ from stochvi.views.pages import (
     shown,
     write_page,
 )  # fmt: skip
-from stochvi.views.tables import UNKNOWN, plus_minus, spoken_length, with_error
+from stochvi.views.tables import UNKNOWN, plus_minus, spoken_length
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -549,7 +549,7 @@ def _scene(scene: Scene) -> Section:
 def _verification(found: AbsorberReport) -> Section:
     central = found.central.response
     facts = [
-        Fact(f"Balance of {name}", with_error(residual), "relative to its largest term; 0 is right")
+        Fact(f"Balance of {name}", plus_minus(residual), "relative to its largest term; 0 is right")
         for name, residual in central.identities.items()
     ]
     return Section(title="Verification", facts=facts)

@@ -303,15 +303,6 @@ HARDLY = 1e-4
 """Half of an interval over the value below which four digits are right without it."""
 
 
-def with_error(estimate: Estimate | None) -> str:
-    """A value with its standard error in brackets, as on a terminal.
-
-    >>> with_error(Estimate(value=0.43774, standard_error=0.00094)), with_error(None)
-    ('0.43774(94)', '-')
-    """
-    return "-" if estimate is None else value_with_error(estimate)
-
-
 def count_of(number: float) -> str:
     """A number of things, to three digits.
 

@@ -536,6 +536,12 @@ def test_python_m_stochvi_is_the_command():
     assert "exact" in done.stderr and "Traceback" not in done.stderr
 
 
+def test_python_without_docstrings_is_refused_in_a_sentence():
+    done = python("-OO", "-m", "stochvi", "--help")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "stochvi: commands need their docstrings; start Python without -OO\n"
+
+
 def test_a_mistake_in_a_scene_file_ends_the_process_without_a_traceback(tmp_path: Path):
     scene = tmp_path / "scene.toml"
     scene.write_text(to_toml(DOCUMENT).replace("0.2", "-0.2"), encoding="utf-8")

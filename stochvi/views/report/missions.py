@@ -13,7 +13,7 @@ import numpy as np
 
 from stochvi.isolators.sizing.answer import ClearanceAnswer, DamageSizing, MissionSizing
 from stochvi.mathematics.spectra import Table
-from stochvi.mathematics.units import ACCELERATION, DENSITY, LENGTH, spoken_mission
+from stochvi.mathematics.units import ACCELERATION, DENSITY, spoken_mission
 from stochvi.results.base import plain
 from stochvi.results.estimates import spoken_percent
 from stochvi.results.files import Origin, origin_of
@@ -41,6 +41,7 @@ from stochvi.views.pages import (
     write_page,
 )
 from stochvi.views.report.sections import (
+    clearance_cards,
     excitation_facts,
     record_cards,
 )
@@ -94,38 +95,16 @@ def clearance_page(found: ClearanceAnswer, origin: Origin) -> Page:
         assert isinstance(found, DamageSizing)
         subtitle = f"{of} by the damage of equipment in {spoken_mission(found.mission)}"
         sections = [_stops(found)]
-    own = record_cards(found.record, getattr(found, "records", None))
     return page_of(
         clearance_told(found),
         found.scene.title or "Clearance",
         subtitle,
-        [
-            *(own if found.doubtful else []), *_clearance_cards(found),
-            *([] if found.doubtful else own), *_cards(found),
-        ],
+        [*clearance_cards(found), *_cards(found)],
         origin,
         sections,
         found.hanging.assumptions(),
         [f"Calculated in {found.cost.wall_time:.3g} s. size.json holds all numbers."],
-    )  # fmt: skip
-
-
-def _clearance_cards(found: ClearanceAnswer) -> list[Fact]:
-    """The clearance of the widest gap: to make, or for Gaussian noise alone where a record does not
-    agree with it; and as calculated."""
-    name = "Clearance for Gaussian noise alone" if found.doubtful else "Clearance to make"
-    made, span = found.widest, LENGTH.span(found.clearance.lower, found.clearance.upper)
-    assert made is not None
-    return [
-        Fact(
-            name, str(made),
-            f"per side{found.of_widest}, from the static equilibrium; rounded up to "
-            f"{made.step_in_words}",
-        ),
-        Fact(
-            "Calculated", spoken_length(found.clearance.value), f"{span}, 95 %{found.of_widest}"
-        ),
-    ]  # fmt: skip
+    )
 
 
 def _cards(found: ClearanceAnswer) -> list[Fact]:

@@ -7,7 +7,12 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from stochvi.isolators.sizing.answer import MOST_NAMED, places_in_words
+from stochvi.isolators.sizing.answer import (
+    MOST_NAMED,
+    ClearanceAnswer,
+    Sizing,
+    places_in_words,
+)
 from stochvi.mathematics.units import ACCELERATION, LENGTH, SPEED, spoken_mission
 from stochvi.results.estimates import spoken_percent
 from stochvi.scenes.excitations import Excitation
@@ -30,12 +35,12 @@ from stochvi.views.tables import (
     UNKNOWN,
     chance_of_stops,
     equilibrium_in_words,
+    limits_of,
     spoken_length,
 )
 
 if TYPE_CHECKING:
     from stochvi.isolators.record_verdict import RecordVerdict
-    from stochvi.isolators.sizing.answer import Sizing
     from stochvi.isolators.sizing.review import Review
 
 
@@ -82,6 +87,72 @@ def _card(where: str, record: RecordVerdict, more: str) -> Fact:
         f"move {record.expected_peak_in_sigma:.3g} in its time; response kurtosis "
         f"{record.kurtosis:.3g}, 3 ± {record.kurtosis_error:.2g} for Gaussian noise{more}",
     )
+
+
+# ------------------------------------------------------------------------------
+# The cards of every clearance: the number to sign stands first.
+# ------------------------------------------------------------------------------
+
+
+def clearance_cards(found: ClearanceAnswer) -> list[Fact]:
+    """The clearance to make, of several pairs that of each, and what a record itself needs, which
+    stands first where it does not agree with the noise."""
+    own = record_cards(found.record, getattr(found, "records", None))
+    cards = _places(found) if found.several else _place(found)
+    return own + cards if found.doubtful else cards + own
+
+
+def _purpose(found: ClearanceAnswer) -> str:
+    return "for Gaussian noise alone" if found.doubtful else "to make"
+
+
+def _place(found: ClearanceAnswer) -> list[Fact]:
+    """The clearance of the only pair to make, and as calculated."""
+    made, c, name = found.widest, found.clearance, f"Clearance {_purpose(found)}"
+    sides = "per side, " if len(found.sides) > 1 else ""
+    enough = within = stated = sigmas = ""
+    interval = f"{limits_of(c.lower, c.upper)} (95 % of the calculation)"
+    if isinstance(found, Sizing):
+        sigmas = f", {c.value / found.sigma:.2f} sigma"
+        if found.worst_case is not None:
+            within, stated = f"within {found.allowed.in_words()}; ", "without tolerances; "
+        if found.kept_with is not None:
+            enough, interval = "enough, and less may be; ", "the nearest stops that can be judged"
+    if made is None:
+        first = Fact(name, UNKNOWN, "what the target needs within the tolerances was not found")
+    elif not found.shown_to_keep:
+        why = f"{made} was not shown to keep the target; raise the budget"
+        first = Fact(name, UNKNOWN, why)
+    else:
+        rests = f"{enough}{sides}from the static equilibrium; {within}"
+        first = Fact(name, str(made), f"{rests}rounded up to {made.step_in_words}")
+    calculated = f"{stated}{interval}{sigmas}"
+    return [first, Fact("Calculated as stated", spoken_length(c.value), calculated)]
+
+
+def _places(found: ClearanceAnswer) -> list[Fact]:
+    """The clearance of each pair to make; for many pairs the smallest and the largest."""
+    made = found.rounded
+    tried = "" if found.shown_to_keep else " were tried, and not shown to keep the target"
+    if not made or tried:
+        text = f"{places_in_words(made)}{tried}" if made else "none was found within the tolerances"
+        return [Fact(f"Clearances {_purpose(found)}", UNKNOWN, f"{text}; raise the budget")]
+    named = list(found.clearances)
+    if len(named) > MOST_NAMED:
+        by_size = sorted(made, key=lambda name: made[name].value)
+        named = [by_size[0], by_size[-1]]
+    cards = []
+    for name in named:
+        each = found.clearances[name]
+        cards.append(
+            Fact(
+                f"Clearance of {name} {_purpose(found)}",
+                str(made[name]),
+                f"per side, from the static equilibrium; calculated {LENGTH.text(each.value)}, "
+                f"{LENGTH.span(each.lower, each.upper)}, 95 %",
+            )
+        )
+    return cards
 
 
 # ------------------------------------------------------------------------------
@@ -272,13 +343,11 @@ def gap_section(review: Review) -> Section:
 
 def pairs_cards(sizing: Sizing) -> list[Fact]:
     """The clearances to make, and the risk with them and at 3 sigma of every gap."""
-    mission, own, gaussian = (
-        spoken_mission(sizing.mission), record_cards(sizing.record), _clearance_cards(sizing),
-    )  # fmt: skip
+    mission = spoken_mission(sizing.mission)
     three, any_hit = sizing.three_sigma.probability.value, sizing.probability
     assert any_hit is not None
     return [
-        *(own + gaussian if sizing.doubtful else gaussian + own),
+        *clearance_cards(sizing),
         Fact(
             "Probability of any impact",
             spoken_percent(any_hit.value),
@@ -308,32 +377,6 @@ def pairs_gap_section(sizing: Sizing) -> Section:
             )
         ],
     )
-
-
-def _clearance_cards(sizing: Sizing) -> list[Fact]:
-    """The clearance of each pair to make; for many pairs the smallest and the largest."""
-    made = sizing.rounded
-    purpose = "to make" if sizing.doubtful is None else "for Gaussian noise alone"
-    tried = "" if sizing.shown_to_keep else " were tried, and not shown to keep the target"
-    if not made or tried:
-        text = f"{places_in_words(made)}{tried}" if made else "none was found within the tolerances"
-        return [Fact(f"Clearances {purpose}", UNKNOWN, f"{text}; raise the budget")]
-    named = list(sizing.clearances)
-    if len(named) > MOST_NAMED:
-        by_size = sorted(made, key=lambda name: made[name].value)
-        named = [by_size[0], by_size[-1]]
-    cards = []
-    for name in named:
-        each = sizing.clearances[name]
-        cards.append(
-            Fact(
-                f"Clearance of {name} {purpose}",
-                str(made[name]),
-                f"per side, from the static equilibrium; calculated {LENGTH.text(each.value)}, "
-                f"{LENGTH.span(each.lower, each.upper)}, 95 %",
-            )
-        )
-    return cards
 
 
 def box_sections(sizing: Sizing) -> list[Section]:

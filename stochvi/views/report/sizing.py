@@ -38,13 +38,13 @@ from stochvi.views.pages import (
 )
 from stochvi.views.report.sections import (
     box_sections,
+    clearance_cards,
     environment_section,
     excitations_section,
     gap_section,
     mount_section,
     pairs_cards,
     pairs_gap_section,
-    record_cards,
 )
 from stochvi.views.sizing import (
     draw_pairs_risk,
@@ -63,7 +63,6 @@ from stochvi.views.tables import (
     UNKNOWN,
     count_of,
     four_digits,
-    limits_of,
     names_of_places,
     spoken_length,
     with_article,
@@ -464,10 +463,8 @@ def _cards(review: Review) -> list[Fact]:
     three = sizing.three_sigma
     hits = "as if impacts changed nothing" if three.hits is None else "with these stops"
     count = three.rice_hits if three.hits is None else three.hits.value
-    gaussian = [_clearance_card(sizing), _calculated_card(sizing)]
-    own = record_cards(sizing.record)
     return [
-        *(own + gaussian if sizing.doubtful else gaussian + own),
+        *clearance_cards(sizing),
         _risk_card(review),
         Fact(
             "3 sigma",
@@ -476,40 +473,6 @@ def _cards(review: Review) -> list[Fact]:
             f"{spoken_mission(sizing.mission)}, {hits}",
         ),
     ]
-
-
-def _clearance_card(sizing: Sizing) -> Fact:
-    """The clearance to make."""
-    made = sizing.widest
-    name = "Clearance to make" if sizing.doubtful is None else "Clearance for Gaussian noise alone"
-    sides = "per side, " if len(sizing.sides) > 1 else ""
-    if made is None:
-        return Fact(name, UNKNOWN, "what the target needs within the tolerances was not found")
-    if not sizing.shown_to_keep:
-        return Fact(name, UNKNOWN, f"{made} was not shown to keep the target; raise the budget")
-    within = f"within {sizing.allowed.in_words()}; " if sizing.worst_case is not None else ""
-    enough = ""
-    if sizing.kept_with is not None:
-        enough = "enough, and less may be; "
-    remark = (
-        f"{enough}{sides}from the static equilibrium; {within}rounded up to {made.step_in_words}"
-    )
-    return Fact(name, str(made), remark)
-
-
-def _calculated_card(sizing: Sizing) -> Fact:
-    """The calculated clearance, with its interval."""
-    c = sizing.clearance
-    if sizing.kept_with is not None:
-        interval = "the nearest stops that can be judged"
-    else:
-        interval = f"{limits_of(c.lower, c.upper)} (95 % of the calculation)"
-    stated = "without tolerances; " if sizing.worst_case is not None else ""
-    return Fact(
-        "Calculated as stated",
-        spoken_length(c.value),
-        f"{stated}{interval}, {c.value / sizing.sigma:.2f} sigma",
-    )
 
 
 def _risk_card(review: Review) -> Fact:
