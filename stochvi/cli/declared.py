@@ -61,9 +61,16 @@ class Question:
         """The verdict on the record of the scene where it is judged, and its phase."""
         return judged_phase(self.scene) if self.judged else (None, "")
 
-    def show(self, answer: Any, **how: Any) -> None:
-        """Show an answer, after the verdict on the record of the scene."""
+    def show(self, answer: Any, beside: Callable[[], dict[str, Any]] = dict, **how: Any) -> None:
+        """Show an answer, after the verdict on the record of the scene, and write its page if it
+        has one, with what stands `beside` it there."""
+        from stochvi.views.pictures import function_of, view_of
+
         self.options.show(answer, self.scene, verdict=self.verdict, **how)
+        view, folder = view_of(answer), self.options.out
+        if view.report and folder is not None:
+            origin = self.options.origin(self.file, answer.provenance)
+            function_of(view.report)(answer, folder, origin, **beside())
 
     def asks(self, of: str, progress: str, asked: dict[str, Any]) -> None:
         """Ask another calculation."""

@@ -75,7 +75,7 @@ def other_sizing(question: Question, other: dict[str, Any]) -> Show | None:
         asked |= {"ratio": other["damage_ratio"], "q": other["q"], "exponent": other["exponent"]}
         asked["equipment"] = band("--equipment", other["equipment"])
         question.asks("isolators.sizing.size:size_by_damage", "damage", asked)
-        return _with_report(question)
+        return question.show
     from stochvi.isolators.sizing.size import is_not_gaussian
 
     if scene.phases or is_not_gaussian(scene):
@@ -85,22 +85,8 @@ def other_sizing(question: Question, other: dict[str, Any]) -> Show | None:
         _refuse(what, given, tuple(name for name in NEVER_WITH if name != "common"), part)
         asked = {name: each for name, each in given.items() if name not in NEVER_WITH}
         question.asks(question.of, "phases", asked | {"common": names_in(given["common"])})
-        return _with_report(question)
+        return question.show
     return None
-
-
-def _with_report(question: Question) -> Show:
-    """What shows a clearance with its report."""
-
-    def show(answer: Any) -> None:
-        question.show(answer)
-        if (out := question.options.out) is not None:
-            from stochvi.views.report import write_clearance_report
-
-            origin = question.options.origin(question.file, answer.provenance)
-            write_clearance_report(answer, out, origin)
-
-    return show
 
 
 def names_in(text: str | None) -> list[str]:
@@ -370,20 +356,18 @@ def size(question: Question) -> Show:
         if fell_short:
             more = f" (and {len(fell_short) - 1} more)" if len(fell_short) > 1 else ""
             question.unmet.append(f"not as accurate as asked for: {fell_short[0]}{more}")
-        question.show(answer, document=document, sensitivity=table)
-        if options.out is None:
-            return
+        question.show(answer, lambda: reviewed(answer, table), document=document, sensitivity=table)
+
+    def reviewed(answer: Sizing, table: pd.DataFrame | None) -> dict[str, Any]:
+        from stochvi.isolators.sizing.review import ReviewSettings, review
+
         if answer.production is not None:
             options.draw("production", answer.production.plot)
-        from stochvi.isolators.sizing.review import ReviewSettings, review
-        from stochvi.views.report import write_report
-
-        reviewed = None
-        if not answer.several:
-            settings = ReviewSettings(budget=deadline.rest or BUDGET)
-            reviewed = review(answer, table, settings, threads=options.threads)
-        origin = options.origin(question.file, answer.provenance)
-        write_report(answer, options.out, origin, review=reviewed, sensitivity=table)
+        if answer.several:
+            return {"sensitivity": table}
+        settings = ReviewSettings(budget=deadline.rest or BUDGET)
+        own = review(answer, table, settings, threads=options.threads)
+        return {"sensitivity": table, "review": own}
 
     return show
 
@@ -427,16 +411,11 @@ def replay(question: Question) -> Show:
 
     def show(found: Replay) -> None:
         from stochvi.isolators.record_verdict import record_verdict
+        from stochvi.isolators.screening import scene_at_rest
 
-        record = record_verdict(question.scene)
-        question.show(found, record=record)
-        if (out := question.options.out) is not None:
-            from stochvi.isolators.screening import scene_at_rest
-            from stochvi.views.report import write_replay_report
-
-            origin = question.options.origin(question.file, found.provenance)
-            hung = scene_at_rest(question.scene)
-            write_replay_report(found, question.scene, hung, record, out, origin)
+        scene, record = question.scene, record_verdict(question.scene)
+        beside = {"scene": scene, "record": record}
+        question.show(found, lambda: beside | {"hung": scene_at_rest(scene)}, record=record)
 
     return show
 
@@ -496,13 +475,9 @@ def absorber(question: Question) -> Show:
 
     def show(found: Any) -> None:
         from stochvi.views.absorbers import draw_plays
-        from stochvi.views.report import write_absorber_report
 
         question.show(found)
         if getattr(found, "play_curve", None):  # of a box that is judged
             question.options.draw("absorber-play", lambda: draw_plays(found))
-        if (out := question.options.out) is not None:
-            origin = question.options.origin(question.file, found.provenance)
-            write_absorber_report(found, out, origin)
 
     return show

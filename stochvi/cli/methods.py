@@ -391,17 +391,16 @@ def reliability(question: Question) -> Show:
     def show(answer: Reliability) -> None:
         units = [units_of(answer)] if spreads else []
         document = answer.to_dict() | ({"production": units[0].to_dict()} if units else {})
-        question.show(answer, document=document)
-        for each in units:
-            options.say(production_told(each))
-            options.draw("production", each.plot)
-        if options.out is not None:
-            from stochvi.isolators.screening import scene_at_rest
-            from stochvi.views.report import write_reliability_report
+        question.show(answer, lambda: beside(*units), document=document)
+        options.say(*map(production_told, units))
 
-            origin = options.origin(question.file, answer.provenance)
-            first = scene_at_rest(scene.phases[0].of(scene) if scene.phases else scene)
-            record, _ = question.verdict
-            write_reliability_report(answer, scene, first, record, options.out, origin, *units)
+    def beside(units: Production | None = None) -> dict[str, Any]:
+        from stochvi.isolators.screening import scene_at_rest
+
+        if units is not None:
+            options.draw("production", units.plot)
+        first = scene_at_rest(scene.phases[0].of(scene) if scene.phases else scene)
+        record, _ = question.verdict
+        return {"scene": scene, "hung": first, "record": record, "production": units}
 
     return show

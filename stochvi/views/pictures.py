@@ -471,6 +471,8 @@ class View(NamedTuple):
     """Whether this answer has something to draw."""
     tables: Callable[[Any], dict[str, pd.DataFrame]] = lambda found: {}
     """Other tables by their files."""
+    report: str = ""
+    """What writes its page, of the answer, a folder, an origin and what stands beside it."""
 
     def files(self, found: Any) -> dict[str, pd.DataFrame]:
         """All tables of an answer by their files."""
@@ -502,12 +504,18 @@ def function_of(place: str) -> Any:
 
 
 VIEWS = {
-    "AbsorberReport": View("absorbers:draw_levels", "absorbers:absorber_told", "absorber"),
+    "AbsorberReport": View(
+        "absorbers:draw_levels",
+        "absorbers:absorber_told",
+        "absorber",
+        report="absorbers:write_absorber_report",
+    ),
     "AbsorberSine": View(
         "absorbers:plot_absorber_sine",
         "absorbers:absorber_sine_told",
         "absorber-sine",
         "absorbers:draw_absorber_sine",
+        report="absorbers:write_absorber_report",
     ),
     "Basins": View("sine:plot_basins", "sine:basins_told", "basins"),
     "Bifurcation": View("sine:draw_bifurcation", "sine:bifurcation_told", "bifurcation"),
@@ -529,13 +537,17 @@ VIEWS = {
         tables=lambda found: {} if found.test is None else {"profile": found.test.to_frame()},
     ),
     "DamageSizing": View(
-        "isolator_tables:plot_damage_sizing", "isolator_tables:damage_sizing_told", "damage"
+        "isolator_tables:plot_damage_sizing",
+        "isolator_tables:damage_sizing_told",
+        "damage",
+        report="report.missions:write_clearance_report",
     ),
     "Design": View(
         "absorbers:draw_design",
         "absorbers:design_told",
         "absorber-design",
         tables=lambda found: {"absorber-design": found.curve},
+        report="absorbers:write_absorber_report",
     ),
     "Explanation": View(
         "pictures:plot_explanation", "verification:explanation_told", "methods", None
@@ -570,11 +582,18 @@ VIEWS = {
     "Judgement": View("pictures:plot_judgement", "verification:judgement_told", "judge", None),
     "LifeTimes": View("sine:plot_lifetimes", "sine:lifetimes_told", "lifetimes"),
     "MissionSizing": View(
-        "isolator_tables:plot_mission_sizing", "isolator_tables:clearance_told", "phases"
+        "isolator_tables:plot_mission_sizing",
+        "isolator_tables:clearance_told",
+        "phases",
+        report="report.missions:write_clearance_report",
     ),
     "Production": View("sizing:plot_production", "isolator_tables:production_told"),
     "Reliability": View(
-        "statistics:plot_chances", "statistics:reliability_told", "reliability", None
+        "statistics:plot_chances",
+        "statistics:reliability_told",
+        "reliability",
+        None,
+        report="report.missions:write_reliability_report",
     ),
     "Replay": View(
         "pictures:plot_replay",
@@ -587,6 +606,7 @@ VIEWS = {
             {"impacts": found.impacts}
             | ({} if found.histories is None else {"histories": found.histories.to_frame()})
         ),
+        report="report.missions:write_replay_report",
     ),
     "Response": View("pictures:plot_response", "pictures:response_told", "response", None),
     "ResponseSpectrum": View(
@@ -602,7 +622,9 @@ VIEWS = {
         "screening",
         has_picture=lambda found: bool(found.impact_pairs),
     ),
-    "Sizing": View("pictures:plot_sizing", "isolator_tables:sizing_told"),
+    "Sizing": View(
+        "pictures:plot_sizing", "isolator_tables:sizing_told", report="report.sizing:write_report"
+    ),
     "Stability": View("sine:plot_stability", "sine:stability_told", "stability"),
     "Transient": View("pictures:plot_transient"),
     "WorkPrecision": View(

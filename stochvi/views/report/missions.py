@@ -230,14 +230,9 @@ def _stops(found: ClearanceAnswer) -> Section:
 
 
 def write_reliability_report(
-    found: Reliability,
-    scene: Scene,
-    hung: SceneAtRest,
-    record: RecordVerdict | None,
-    folder: str | Path,
-    origin: Origin | None = None,
-    production: Production | None = None,
-) -> Path:
+    found: Reliability, folder: str | Path, origin: Origin | None = None, *, scene: Scene,
+    hung: SceneAtRest, record: RecordVerdict | None = None, production: Production | None = None,
+) -> Path:  # fmt: skip
     """Write `report.html` and `reliability.json`, its numbers; returns the path of the page. The
     risk of a production whose units differ may stand beside."""
     origin = origin or origin_of(found.provenance)
@@ -321,13 +316,9 @@ def _scene_section(scene: Scene, hung: SceneAtRest) -> Section:
 
 
 def write_replay_report(
-    found: Replay,
-    scene: Scene,
-    hung: SceneAtRest,
-    record: RecordVerdict | None,
-    folder: str | Path,
-    origin: Origin | None = None,
-) -> Path:
+    found: Replay, folder: str | Path, origin: Origin | None = None, *, scene: Scene,
+    hung: SceneAtRest, record: RecordVerdict | None = None,
+) -> Path:  # fmt: skip
     """Write `report.html` and `replay.json`, its numbers; returns the path of the page."""
     page = replay_page(found, scene, hung, record, origin or origin_of(found.provenance))
     document = found.to_dict() | ({} if record is None else {"record": plain(record)})
