@@ -294,6 +294,7 @@ def _one(sizing: Sizing) -> list[Section]:
                     if limited
                     else "Probability of any impact in the mission against clearance. "
                     "Dashed: Rice's crossings taken for independent impacts.",
+                    front=True,
                 )
             ],
             notes=[capital(f"{HITS_PER_FIRST_HIT}.")] if len(sizing.simulated) else [],
@@ -378,6 +379,7 @@ def _several(sizing: Sizing) -> list[Section]:
                 shown(
                     lambda: plot_pairs_risk(sizing),
                     "Probability of any impact as all clearances change.",
+                    front=True,
                 ),
             ],
         ),
@@ -585,6 +587,7 @@ def _phases(found: MissionSizing) -> Section:
             shown(
                 lambda: plot_mission_sizing(found),
                 "Probability of any impact in the mission against the clearance, 95 %.",
+                front=True,
             )
         ],
         notes=[
@@ -615,7 +618,11 @@ def _damage(found: DamageSizing) -> Section:
             ["by"],
         ),
         pictures=[
-            shown(lambda: plot_damage_sizing(found), "What stops add to the damage, less 1."),
+            shown(
+                lambda: plot_damage_sizing(found),
+                "What stops add to the damage, less 1.",
+                front=True,
+            ),
             shown(
                 lambda: draw_damage(found.damage, ""),
                 "Spectra at the clearance that is nearest to the calculated one.",

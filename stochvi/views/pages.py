@@ -166,11 +166,12 @@ def sentence(text: str) -> str:
 @dataclass(frozen=True, kw_only=True)
 class Picture:
     """A picture with its caption, drawn when a page shows it; a wide one takes the width of the
-    page."""
+    page, and one of the `front` stands on the sheet that is signed."""
 
     draw: Callable[[], Axes]
     caption: str
     wide: bool = False
+    front: bool = False
 
     @cached_property
     def uri(self) -> str:
@@ -191,9 +192,10 @@ class Picture:
         return f"data:image/svg+xml;base64,{encoded}"
 
 
-def shown(draw: Callable[[], Axes], caption: str, *, wide: bool = False) -> Picture:
-    """The picture that `draw` makes, with its caption."""
-    return Picture(draw=draw, caption=caption, wide=wide)
+def shown(draw: Callable[[], Axes], caption: str, **where: bool) -> Picture:
+    """The picture that `draw` makes, with its caption; `where` says whether it is wide, and whether
+    it is of the front."""
+    return Picture(draw=draw, caption=caption, **where)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -354,12 +356,15 @@ class Page(Told):
         The few numbers that a reader takes away.
     origin
         When, how and from what the page was made.
+    assumed
+        What the sheet that is signed names of the limits.
     """
 
     title: str
     subtitle: str
     cards: Sequence[Fact]
     origin: Origin
+    assumed: Sequence[str] = ()
 
     def html(self) -> str:
         """The page; it needs no other file, no network and no script."""
@@ -374,8 +379,14 @@ class Page(Told):
             lstrip_blocks=True,
         )
         environment.filters["capital"] = capital
-        kept = [section for section in self.sections if not section.empty]
-        return environment.get_template(TEMPLATE).render(page=self, sections=kept) + "\n"
+        front = [each for section in self.sections for each in section.pictures if each.front]
+        behind = [
+            replace(section, pictures=[each for each in section.pictures if not each.front])
+            for section in self.sections
+        ]
+        kept = [section for section in behind if not section.empty]
+        template = environment.get_template(TEMPLATE)
+        return template.render(page=self, sections=kept, front=front) + "\n"
 
 
 def page_of(
@@ -394,7 +405,14 @@ def page_of(
         "sections": [*told.sections, *sections, bounds],
         "footer": [*told.footer, *footer],
     }
-    return Page(title=title, subtitle=subtitle, cards=cards, origin=origin, **own)
+    assumed = [sentence(text) for text in limits[:MOST_ASSUMED]]
+    return Page(
+        title=title, subtitle=subtitle, cards=cards, origin=origin, assumed=assumed, **own
+    )  # fmt: skip
+
+
+MOST_ASSUMED = 3
+"""Largest number of limits that the sheet that is signed names."""
 
 
 def _tied(value: object) -> object:

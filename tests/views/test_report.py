@@ -181,9 +181,9 @@ def test_the_verdict_comes_first_and_every_part_is_there(sizing: Sizing, html: s
     reader = read(html)
     assert reader.tags.count("h1") == 1
     assert reader.identifiers == [
-        "required-clearance", "tolerances", "with-stops", "hard-impacts", "peak-accelerations",
+        "signatures", "required-clearance", "tolerances", "with-stops", "hard-impacts", "peak-accelerations",
         "linear-screening", "environment", "isolator", "gap-and-stops", "verification", "limits",
-        "inputs", "signatures",
+        "inputs",
     ]  # fmt: skip
     above = reader.text_before["required-clearance"]
     assert sizing.verdict()[1:] in above and sizing.stops_to_copy() in above

@@ -215,6 +215,7 @@ def _stops(found: ClearanceAnswer) -> Section:
                 lambda: draw_problem(made, found.rests),
                 f"The scene with its stops {where}; not to scale.",
                 wide=True,
+                front=True,
             )
         ],
     )  # fmt: skip

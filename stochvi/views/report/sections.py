@@ -331,6 +331,7 @@ def gap_section(review: Review) -> Section:
                 lambda: draw_problem(drawn, dict.fromkeys(names, found.mean_position)),
                 f"The scene with its stops {where}; not to scale.",
                 wide=True,
+                front=True,
             )
         ],
     )
@@ -374,6 +375,7 @@ def pairs_gap_section(sizing: Sizing) -> Section:
             shown(
                 lambda: draw_gaps(sizing.as_made().impact_pairs, sizing.rests),
                 f"Stops {where}, from the unloaded mounts.",
+                front=True,
             )
         ],
     )

@@ -413,7 +413,7 @@ def sizing_page(
             screening_section(sizing.screening), excitations_section(sizing.scene),
             *box_sections(sizing), pairs_gap_section(sizing), _verification(sizing),
         ]  # fmt: skip
-        limits = [*sizing.scene.assumptions(), *OF_PAIRS]
+        limits = [*OF_PAIRS, *sizing.scene.assumptions()]
     else:
         told = replace(told, warnings=[*_failed_balances(review), *_new_warnings(review)])
         cards = _cards(review)
@@ -422,7 +422,7 @@ def sizing_page(
             _screening(review), environment_section(review), mount_section(review),
             gap_section(review), _verification(sizing, review.balances),
         ]  # fmt: skip
-        limits = [*review.assumptions, *OF_ONE_MOUNT]
+        limits = [*OF_ONE_MOUNT, *review.assumptions]
     return page_of(
         replace(told, footer=()),
         sizing.scene.title or what,
