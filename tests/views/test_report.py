@@ -181,11 +181,13 @@ def test_the_verdict_comes_first_and_every_part_is_there(sizing: Sizing, html: s
     reader = read(html)
     assert reader.tags.count("h1") == 1
     assert reader.identifiers == [
-        "signatures", "required-clearance", "tolerances", "with-stops", "hard-impacts", "peak-accelerations",
-        "linear-screening", "environment", "isolator", "gap-and-stops", "verification", "limits",
-        "inputs",
+        "signatures", "required-clearance", "tolerances", "with-stops", "hard-impacts",
+        "peak-accelerations", "linear-screening", "environment", "isolator", "gap-and-stops",
+        "verification", "limits", "inputs",
     ]  # fmt: skip
     above = reader.text_before["required-clearance"]
+    for words in ("stops at the clearance to make", "One direction of motion", "Approved"):
+        assert words in above  # the drawing, what is assumed, and room to sign
     assert sizing.verdict()[1:] in above and sizing.stops_to_copy() in above
     # rms of the profile as stated and as integrated, of the response and the sag of a 12 Hz mount
     for known in ("1.08 g rms", "1.078 g rms", "1.570 mm rms", "1.725 mm"):
