@@ -27,11 +27,9 @@ from stochvi.isolators.sizing.answer import (
 )
 from stochvi.isolators.tolerances import Spread
 from stochvi.methods.periodic.resonance import HarmonicResonance
-from stochvi.methods.periodic.sine_response import Jump
-from stochvi.results.base import COMMON, Quantities, Response, Result
+from stochvi.results.base import Quantities, Response, Result
 from stochvi.scenes.keys import DIALECT
 from stochvi.scenes.scene import Scene
-from stochvi.verification.cost import Prediction
 
 Schema = dict[str, Any]
 
@@ -105,23 +103,16 @@ EITHER: Schema = {
 """Schemas of the spectra of `damage`, with stops and without."""
 
 METHOD = {"method": str}
-JUDGED = {"method": str, "passed": bool, "family_alarm_rate": float}
-WARNINGS_ALONE = dict.fromkeys(name for name in COMMON if name != "warnings")
 RECORD = {"record": RecordVerdict}
 
 ONE_OR_SEVERAL = Change(
-    METHOD | {"verdict": str, "made": RoundedClearance | None | Mapping[str, RoundedClearance]},
+    {"verdict": str, "made": RoundedClearance | None | Mapping[str, RoundedClearance]},
     {"clearance": Clearance, "clearances": Mapping[str, Clearance]},
     {"clearances": None},
 )
 """Clearances of one pair, or of each of several."""
 
 CHANGES = {
-    "Checks": Change(
-        JUDGED | {"summary": str, "alarms": ROWS, "scenes": Mapping[str, dict[str, Any]]},
-        renamed=WARNINGS_ALONE | dict.fromkeys(("checks", "seeds")),
-    ),
-    "Chance": Change({"crude_seconds": float | None}),
     "Damage": Change(
         METHOD | SPECTRA | LISTS | lists_with_errors("equivalent_density")
         | {"damage_ratio": LIST_OR_NONE, "without_stops": EITHER},
@@ -129,28 +120,14 @@ CHANGES = {
         {"with_stops": None},
     ),
     "DamageSizing": ONE_OR_SEVERAL,
-    "Environment": Change({"spectra": COLUMNS, "breakpoints": COLUMNS}),
-    "FirstPassage": Change(
-        {"barriers": Mapping[str, float | None]}, renamed=dict.fromkeys(("lower", "upper"))
-    ),
     "Branch": Change({"impacts_per_period": float}, {"value": np.ndarray}, dict.fromkeys(
         (
             "stops", "value", "amplitude", "acceleration_max", "phase", "displacement", "velocity",
             "names",
         )
     )),
-    "HarmonicResponse": Change(
-        METHOD | {"jumps": Mapping[str, float | None], "all_jumps": Sequence[Jump]},
-        renamed={"jumps": None},
-    ),
     "History": Change(METHOD | {"columns": list[str], "samples": int}),
-    "MotionBetweenStops": Change(
-        {"faster_hits": COLUMNS, "impacts": COLUMNS, "transmissibility": COLUMNS},
-        renamed={"scene": None},
-    ),
-    "MissionSizing": ONE_OR_SEVERAL._replace(
-        added=dict(ONE_OR_SEVERAL.added) | {"record": RecordVerdict | None}
-    ),
+    "MissionSizing": ONE_OR_SEVERAL,
     "ResponseSpectrum": Change(
         {"spectra": Mapping[str, Mapping[str, dict[str, Any]]]}, renamed={"curves": None}
     ),
@@ -162,21 +139,14 @@ CHANGES = {
         | {"sines": Sequence[tuple[float, float]]}
     ),
     "Sizing": Change(
-        METHOD | {
+        {
             "verdict": str, "made": RoundedClearance | None | Mapping[str, RoundedClearance],
             "three_sigma": ThreeSigma | Probability,
         },
         dict(ONE_OR_SEVERAL.optional)
         | {"clearance_in_sigma": float, "sigma": float, "gap": StopPositions}
         | {"sensitivity": ROWS, "review": PART},
-        {"method": "by", "clearances": None, "three_sigma": None},
-    ),
-    "WorkPrecision": Change(
-        {
-            "summary": str, "simulated_by": str, "free_of_bias": bool, "targets": list[float],
-            "predictions": Mapping[str, list[Prediction]], "cost": PART,
-        },
-        renamed={"elastic": None, "interrupted": None},
+        {"clearances": None, "three_sigma": None},
     ),
 }  # fmt: skip
 """How the JSON documents of answers differ from their fields, by the names of their classes."""
@@ -273,6 +243,7 @@ class Definitions:
             for name, key in named.items()
             if key is not None and name not in left_out
         }
+        found |= dict.fromkeys(getattr(kind, "as_columns", ()), COLUMNS)
         found |= {key: self.of_type(each) for key, each in change.added.items()}
         optional = {key: self.of_type(each) for key, each in change.optional.items()}
         rare = getattr(kind, "only_if_known", ()) or RARE.get(kind.__name__, ())

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
@@ -127,24 +127,12 @@ class Environment:
         `frequency_hz` and `base_density` of the table where the base has exactly one; else None.
     """
 
+    as_columns = ("spectra", "breakpoints")
+
     excitations: tuple[Mapping[str, float], ...]
     base: BaseMotion | None
     spectra: pd.DataFrame | None
     breakpoints: pd.DataFrame | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document; the spectra are columns."""
-        return {
-            "excitations": [dict(numbers) for numbers in self.excitations],
-            "base": None if self.base is None else asdict(self.base),
-            "spectra": columns_of(self.spectra),
-            "breakpoints": columns_of(self.breakpoints),
-        }
-
-
-def columns_of(frame: pd.DataFrame | None) -> dict[str, list[Any]] | None:
-    """The columns of a table as plain lists, for JSON."""
-    return None if frame is None else {str(name): frame[name].tolist() for name in frame}
 
 
 def environment(scene: Scene) -> Environment:

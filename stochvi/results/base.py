@@ -373,6 +373,10 @@ class Result:
     not_in_document: ClassVar[tuple[str, ...]] = ()
     """Fields of a kind of answer that its JSON document leaves out."""
 
+    as_columns: ClassVar[tuple[str, ...]] = ()
+    """Fields whose tables are columns in a document, and not rows. Parts of an answer may state
+    this, what is in a document and what is not, too."""
+
     only_if_known: ClassVar[tuple[str, ...]] = ()
     """Fields that a document leaves out where they hold nothing."""
 
@@ -490,14 +494,10 @@ class Result:
 
         A kind of answer whose keys depend on what was found overrides this.
         """
-        head: dict[str, Any] = {"method": self.kind} if self.kind else {}
-        head |= {key: _on_the_way(self, way) for key, way in self.in_document.items()}
-        left_out = {*self.not_in_document, *self.in_document.values()}
-        names = [each.name for each in fields(self) if each.name not in left_out]
-        names.sort(key=COMMON.__contains__)
-        found = head | {name: getattr(self, name) for name in names}
+        found = ({"method": self.kind} if self.kind else {}) | _described(self)
         empty = [name for name in self.only_if_known if not found[name]]
-        return {name: each for name, each in found.items() if name not in empty}
+        names = sorted(found, key=COMMON.__contains__)
+        return {name: found[name] for name in names if name not in empty}
 
     def _repr_html_(self) -> str:
         remarks = "".join(f"<br>{html.escape(each, quote=False)}" for each in self._remarks())
@@ -514,6 +514,19 @@ class Result:
 
 
 check_methods(Result)
+
+
+def _described(found: Any) -> dict[str, Any]:
+    """What the class of an answer, or of a part of one, says is in its document, then the other
+    fields; tables that it names are columns."""
+    kind: Any = type(found)
+    stated = getattr(found, "in_document", {})
+    left_out = {*getattr(found, "not_in_document", ()), *stated.values()}
+    own = {key: _on_the_way(found, way) for key, way in stated.items()}
+    own |= {name: getattr(found, name) for name in _names_of(kind) if name not in left_out}
+    for name in getattr(found, "as_columns", ()):
+        own[name] = None if own[name] is None else own[name].to_dict("list")
+    return own
 
 
 def _on_the_way(part: Any, way: str) -> Any:
@@ -547,9 +560,7 @@ def plain(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type | Mapping):
         if hasattr(value, "to_dict"):
             return value.to_dict()
-        left_out = getattr(value, "not_in_document", ())
-        names = [name for name in _names_of(type(value)) if name not in left_out]
-        return {name: plain(getattr(value, name)) for name in names}
+        return {name: plain(each) for name, each in _described(value).items()}
     if hasattr(value, "_asdict"):
         value = value._asdict()
     if hasattr(value, "iloc"):  # a table

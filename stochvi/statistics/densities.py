@@ -62,10 +62,6 @@ class SampledDensity:
         density, edges = np.histogram(samples, bins=bins, range=(low, high), density=True)
         return cls(edges=edges.astype(float), density=density.astype(float))
 
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document."""
-        return {"edges": self.edges.tolist(), "density": self.density.tolist()}
-
 
 # ------------------------------------------------------------------------------
 # An overview of one oscillator: densities of its motion and a short record with impacts.

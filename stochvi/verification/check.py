@@ -612,6 +612,14 @@ class Checks(Result):
     stochvi.verification.check_many : The calculation.
     """
 
+    kind = "check"
+    in_document: ClassVar = {
+        "passed": "passed", "summary": "summary", "family_alarm_rate": "family_alarm_rate",
+        "alarms": "alarms_in_rows", "scenes": "scenes",
+    }  # fmt: skip
+    not_in_document = ("checks", "seeds", *(name for name in COMMON if name != "warnings"))
+    family_alarm_rate: ClassVar[float] = FAMILY_ALARM_RATE
+
     checks: Mapping[str, Check]
     seeds: Mapping[str, int]
     judged: int
@@ -673,28 +681,24 @@ class Checks(Result):
     def _shown(self) -> pd.DataFrame:
         return self.overview()
 
-    def _document(self) -> dict[str, Any]:
+    @property
+    def alarms_in_rows(self) -> Sequence[Mapping[str, str | float | None]]:
+        """The alarms, each a row."""
+        return [{"scene": name, **vars(row)} for name, row in self.alarms]
+
+    @property
+    def scenes(self) -> Mapping[str, Mapping[str, Any]]:
+        """The verdict on each scene in short."""
         return {
-            "method": "check",
-            "passed": self.passed,
-            "summary": self.summary(),
-            "family_alarm_rate": FAMILY_ALARM_RATE,
-            "z": self.z,
-            "judged": self.judged,
-            "rel_error": self.rel_error,
-            "alarms": [{"scene": name, **vars(row)} for name, row in self.alarms],
-            "scenes": {
-                name: {
-                    "passed": verdict.passed,
-                    "summary": verdict.summary(),
-                    "seed": self.seeds.get(name),
-                    "methods": _methods(verdict),
-                    "comparisons": verdict.comparisons,
-                    "left_out": verdict.left_out,
-                }
-                for name, verdict in self.checks.items()
-            },
-            "warnings": self.warnings,
+            name: {
+                "passed": verdict.passed,
+                "summary": verdict.summary(),
+                "seed": self.seeds.get(name),
+                "methods": _methods(verdict),
+                "comparisons": verdict.comparisons,
+                "left_out": verdict.left_out,
+            }
+            for name, verdict in self.checks.items()
         }
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, ClassVar, Unpack
 
 import numpy as np
 
@@ -204,6 +204,14 @@ class WorkPrecision(Result):
     stochvi.cost : The calculation.
     """
 
+    kind = "cost"
+    in_document: ClassVar = {
+        "summary": "summary", "simulated_by": "method", "free_of_bias": "elastic",
+        "targets": "targets", "predictions": "predictions", "cost": "price",
+    }  # fmt: skip
+    not_in_document = ("cost", "interrupted")
+    targets: ClassVar[Sequence[float]] = TARGETS
+
     errors: Sequence[StepError]
     models: Sequence[ModelError]
     reference: str
@@ -313,28 +321,18 @@ class WorkPrecision(Result):
         ]
         return pd.DataFrame([*rows, *(vars(row) for row in self.models)])
 
-    def _document(self) -> dict[str, Any]:
-        predictions = {
+    @property
+    def predictions(self) -> Mapping[str, list[Prediction]]:
+        """The cheapest step for each accuracy that is within reach, of moments and of rates."""
+        return {
             name: [found for t in TARGETS if (found := self.cheapest(t, rates=rates))]
             for name, rates in (("moments_F1_F2", False), ("hits", True))
         }
-        return {
-            "method": "cost",
-            "summary": self.summary(),
-            "simulated_by": self.method,
-            "steps": self.steps,
-            "default_step": self.default_step,
-            "free_of_bias": self.elastic,
-            "reference": self.reference,
-            "targets": TARGETS,
-            "errors": self.errors,
-            "models": self.models,
-            "predictions": predictions,
-            "left_out": self.left_out,
-            "warnings": self.warnings,
-            "cost": {name: getattr(self.cost, name) for name in ("wall_time", "paths", "threads")},
-            "provenance": self.provenance,
-        }
+
+    @property
+    def price(self) -> Mapping[str, float]:
+        """What the measurement itself took."""
+        return {name: getattr(self.cost, name) for name in ("wall_time", "paths", "threads")}
 
 
 def spoken_time(seconds: float) -> str:

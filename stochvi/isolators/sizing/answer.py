@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -589,7 +589,7 @@ class ClearanceAnswer(Result):
             made = self.made
             del found["clearances"]
             found = {"clearance": self.clearance, **found}
-        return {"verdict": self.verdict(), "made": made, **found}
+        return {"method": self.kind, "verdict": self.verdict(), "made": made, **found}
 
 
 NO_PAIR = "stops"
@@ -766,6 +766,9 @@ class Sizing(ClearanceAnswer):
     --------
     stochvi.size : The calculation.
     """
+
+    kind = "size"
+    in_document: ClassVar = {"by": "method"}
 
     target: Target
     mission: float
@@ -1068,10 +1071,9 @@ class Sizing(ClearanceAnswer):
         if not self.several:
             own = {"clearance_in_sigma": self.clearance.value / self.sigma, "gap": self.gap}
             own |= {"sigma": self.sigma}
-        by = found.pop("method")
         if self.production is not None and self.doubtful is not None:
             own["production"] = self.production.to_dict() | {"made": {}}
-        return {"method": "size", "by": by, **found, **own}
+        return found | own
 
 
 PairsSizing = Sizing
@@ -1162,6 +1164,8 @@ class DamageSizing(ClearanceAnswer):
     stochvi.isolators.size_by_damage : The calculation.
     """
 
+    kind = "size:damage"
+
     ratio: float
     mission: float
     sigma: float
@@ -1195,9 +1199,6 @@ class DamageSizing(ClearanceAnswer):
             f"calculated: {self.clearance}, {place / self.sigma:.3g} sigma; equipment of "
             f"{near['frequency_hz']:.4g} Hz decides, in a mission of {spoken_mission(self.mission)}"
         )
-
-    def _document(self) -> dict[str, Any]:
-        return {"method": "size:damage", **super()._document()}
 
 
 # ------------------------------------------------------------------------------
@@ -1235,6 +1236,9 @@ class MissionSizing(ClearanceAnswer):
     --------
     stochvi.size : The calculation.
     """
+
+    kind = "size"
+    in_document: ClassVar = {"record": "record"}
 
     target: Target
     mission: float
@@ -1290,9 +1294,6 @@ class MissionSizing(ClearanceAnswer):
             f"{place}; phase {most['phase']} of "
             f"{spoken_mission(most['duration'])} has {spoken_percent(most['share'])} of the risk"
         )
-
-    def _document(self) -> dict[str, Any]:
-        return {"method": "size", **super()._document(), "record": self.record}
 
 
 def as_stated(scene: Scene) -> Scene:

@@ -15,7 +15,6 @@ from stochvi.isolators.screening import (
     Environment,
     Screening,
     at_clearances,
-    columns_of,
     environment,
     frequencies,
     input_density,
@@ -132,6 +131,9 @@ class MotionBetweenStops:
         over bands of a third of an octave.
     """
 
+    not_in_document = ("scene",)
+    as_columns = ("faster_hits", "impacts", "transmissibility")
+
     scene: Scene
     duration: float
     hits: int
@@ -142,20 +144,6 @@ class MotionBetweenStops:
     impacts: pd.DataFrame | None
     transmissibility: pd.DataFrame | None
     transmissibility_change: float | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document; tables are columns."""
-        return {
-            "duration": self.duration,
-            "hits": self.hits,
-            "kurtosis": self.kurtosis,
-            "mean_position": self.mean_position,
-            "displacement": self.displacement.to_dict(),
-            "faster_hits": columns_of(self.faster_hits),
-            "impacts": columns_of(self.impacts),
-            "transmissibility": columns_of(self.transmissibility),
-            "transmissibility_change": self.transmissibility_change,
-        }
 
 
 def motion_between_stops(

@@ -6,9 +6,9 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -213,6 +213,9 @@ class FirstPassage(Result):
     stochvi.first_passage : The calculation.
     """
 
+    in_document: ClassVar = {"barriers": "barriers"}
+    not_in_document = ("lower", "upper")
+
     times: tuple[float, ...]
     probability: tuple[Estimate, ...]
     mean_time: Estimate
@@ -237,9 +240,10 @@ class FirstPassage(Result):
             }
         )
 
-    def _document(self) -> dict[str, Any]:
-        found = super()._document()
-        return {"barriers": {side: found.pop(side) for side in ("lower", "upper")}, **found}
+    @property
+    def barriers(self) -> Mapping[str, float | None]:
+        """The barriers by their sides, m."""
+        return {"lower": self.lower, "upper": self.upper}
 
     def __repr__(self) -> str:
         lines = [

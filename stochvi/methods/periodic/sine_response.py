@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 import scipy
@@ -317,6 +317,9 @@ class HarmonicResponse(Result):
     stochvi.harmonic_response : The calculation.
     """
 
+    kind = "sine"
+    in_document: ClassVar = {"jumps": "largest_jumps", "all_jumps": "jumps"}
+
     key: str
     coordinate: str
     branches: tuple[Branch, ...]
@@ -375,12 +378,10 @@ class HarmonicResponse(Result):
         most = max(found, key=lambda jump: max(jump.changes / scale), default=None)
         return None if most is None else most.frequency_hz
 
-    def _document(self) -> dict[str, Any]:
-        found = super()._document()
-        jumps: Mapping[str, float | None] = {
-            "up_hz": self.jump_at(upwards=True), "down_hz": self.jump_at(upwards=False)
-        }  # fmt: skip
-        return {"method": "sine", **found, "jumps": jumps, "all_jumps": self.jumps}
+    @property
+    def largest_jumps(self) -> Mapping[str, float | None]:
+        """The largest jump of a slow sweep up, and of one down, Hz."""
+        return {"up_hz": self.jump_at(upwards=True), "down_hz": self.jump_at(upwards=False)}
 
     def summary(self) -> str:
         """The numbers of branches, stable ones and jumps that were found, in a sentence."""

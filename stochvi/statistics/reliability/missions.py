@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -14,7 +14,7 @@ from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.unsteady_noise import RandomLevel
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import Named, Result, plain
+from stochvi.results.base import Named, Result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.sampling.run import Run
@@ -65,6 +65,8 @@ class Chance:
     stochvi.reliability : The answer that holds it.
     """
 
+    in_document: ClassVar = {"crude_seconds": "crude_seconds"}
+
     event: str
     limit: float | None
     estimate: Estimate
@@ -88,11 +90,6 @@ class Chance:
         if self.seconds_per_mission is None or not (p > 0.0 and error > 0.0):
             return None
         return self.seconds_per_mission * p * (1.0 - p) / error**2
-
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document: only plain types."""
-        known = {each.name: plain(getattr(self, each.name)) for each in fields(self)}
-        return known | {"crude_seconds": self.crude_seconds}
 
 
 @dataclass(frozen=True, kw_only=True)
