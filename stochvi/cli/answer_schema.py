@@ -120,12 +120,6 @@ CHANGES = {
         {"with_stops": None},
     ),
     "DamageSizing": ONE_OR_SEVERAL,
-    "Branch": Change({"impacts_per_period": float}, {"value": np.ndarray}, dict.fromkeys(
-        (
-            "stops", "value", "amplitude", "acceleration_max", "phase", "displacement", "velocity",
-            "names",
-        )
-    )),
     "History": Change(METHOD | {"columns": list[str], "samples": int}),
     "MissionSizing": ONE_OR_SEVERAL,
     "ResponseSpectrum": Change(

@@ -495,9 +495,7 @@ class Result:
         A kind of answer whose keys depend on what was found overrides this.
         """
         found = ({"method": self.kind} if self.kind else {}) | _described(self)
-        empty = [name for name in self.only_if_known if not found[name]]
-        names = sorted(found, key=COMMON.__contains__)
-        return {name: found[name] for name in names if name not in empty}
+        return {name: found[name] for name in sorted(found, key=COMMON.__contains__)}
 
     def _repr_html_(self) -> str:
         remarks = "".join(f"<br>{html.escape(each, quote=False)}" for each in self._remarks())
@@ -526,7 +524,8 @@ def _described(found: Any) -> dict[str, Any]:
     own |= {name: getattr(found, name) for name in _names_of(kind) if name not in left_out}
     for name in getattr(found, "as_columns", ()):
         own[name] = None if own[name] is None else own[name].to_dict("list")
-    return own
+    empty = [name for name in getattr(found, "only_if_known", ()) if not len(own[name])]
+    return {name: each for name, each in own.items() if name not in empty}
 
 
 def _on_the_way(part: Any, way: str) -> Any:

@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 import scipy
@@ -37,7 +37,7 @@ from stochvi.methods.periodic.continuation import (
 from stochvi.methods.periodic.family import Family, unmet
 from stochvi.methods.periodic.kernels import solver
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import Result, plain
+from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
@@ -100,6 +100,13 @@ class Branch:
     stochvi.harmonic_response : The calculation.
     """
 
+    in_document: ClassVar = {"impacts_per_period": "impacts_per_period", "value": "varied"}
+    not_in_document = (
+        "stops", "value", "amplitude", "acceleration_max", "phase", "displacement", "velocity",
+        "names",
+    )  # fmt: skip
+    only_if_known = ("value",)
+
     form: str
     stops: tuple[str, ...]
     sticking: tuple[str, ...]
@@ -124,24 +131,16 @@ class Branch:
         share = len(self.stops) / self.periods
         return int(share) if share.is_integer() else share
 
+    @property
+    def varied(self) -> Vector:
+        """The number that is varied; empty where that is the frequency of the force."""
+        same = np.allclose(self.value, self.frequency_hz, rtol=1e-9, atol=0.0)
+        return self.value[:0] if same else self.value
+
     def at(self, value: float) -> list[int]:
         """The admissible points at a value that was asked for."""
         near = np.abs(self.value - value) <= 1e-9 * max(abs(value), 1e-300)
         return [int(i) for i in np.flatnonzero(near & self.admissible) if not self.names[i]]
-
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document of the branch."""
-        found = {name: getattr(self, name) for name in BRANCH_KEYS}
-        if not np.allclose(self.value, self.frequency_hz, rtol=1e-9, atol=0.0):
-            found["value"] = self.value
-        return {name: plain(value) for name, value in found.items()}
-
-
-BRANCH_KEYS = (
-    "form", "impacts_per_period", "sticking", "periods", "frequency_hz", "displacement_max",
-    "impact_speed", "multiplier", "stable", "admissible",
-)  # fmt: skip
-"""Keys of a branch in a JSON document."""
 
 
 COLUMNS = (
