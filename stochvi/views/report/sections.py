@@ -95,8 +95,8 @@ def _card(where: str, record: RecordVerdict, more: str) -> Fact:
 
 
 def clearance_cards(found: ClearanceAnswer) -> list[Fact]:
-    """The clearance to make, of several pairs that of each, and what a record itself needs, which
-    stands first where it does not agree with the noise."""
+    """The clearance to make, of several pairs that of each, and what a record itself needs. The
+    record stands first where it does not agree with the noise."""
     own = record_cards(found.record, getattr(found, "records", None))
     cards = _places(found) if found.several else _place(found)
     return own + cards if found.doubtful else cards + own
