@@ -280,7 +280,7 @@ def test_a_quantity_is_an_attribute_and_an_entry():
     assert dict(pair.items())["collision_rate"] is pair.collision_rate
     assert pair.get("peak_force", 1.0) is None  # rigid stops have none
     assert pair.get("relative_velocity_std", 1.0) == 1.0  # nor has a pair of one coordinate this
-    with pytest.raises(KeyError, match="displacement_sdt; known: displacement_mean"):
+    with pytest.raises(KeyError, match="displacement_sdt; known: displacement_std"):
         motion["displacement_sdt"]
 
 
