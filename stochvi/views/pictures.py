@@ -43,13 +43,6 @@ from stochvi.views.tables import (
     relative_half_width,
     value_with_error,
 )
-from stochvi.views.verification import (
-    WORK_TITLES,
-    draw_work_precision,
-    plot_clearances,
-    plot_history,
-    plot_work_precision,
-)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -393,8 +386,8 @@ def plot_replay(found: Replay, ax: Axes | None = None) -> Axes:
     clearances."""
     single = found.only
     if single is None or single.histories is None:
-        return plot_clearances(found, ax)
-    return plot_history(single, ax)
+        return function_of("verification:plot_clearances")(found, ax)  # type: ignore[no-any-return]
+    return function_of("verification:plot_history")(single, ax)  # type: ignore[no-any-return]
 
 
 def plot_impacts(found: ImpactStatistics, ax: Axes | None = None) -> Axes:
@@ -422,9 +415,10 @@ def plot_spectrum(found: ResponseSpectrum, ax: Axes | None = None) -> Axes:
 def plot_cost(found: WorkPrecision, ax: Axes | None = None) -> Axes:
     """Error against CPU time, a panel for each quantity."""
     if ax is None:
-        return draw_work_precision(found)
-    first = next(row for row in found.errors if row.quantity in WORK_TITLES)
-    plot_work_precision(found, first.of, first.quantity, ax)
+        return function_of("verification:draw_work_precision")(found)  # type: ignore[no-any-return]
+    titles = function_of("verification:WORK_TITLES")
+    first = next(row for row in found.errors if row.quantity in titles)
+    function_of("verification:plot_work_precision")(found, first.of, first.quantity, ax)
     ax.set_xlabel("CPU time of one core (s)")
     ax.set_ylabel("relative error (%)")
     return ax
