@@ -10,11 +10,11 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
-from rich.measure import Measurement
-from rich.table import Table
+from rich.cells import cell_len
 
 from stochvi.results.base import Result, plain
 from stochvi.views.files import time_for_pictures, to_json, write_report_page, write_text
@@ -306,29 +306,26 @@ def _print_line(console: Console, line: str) -> None:
     console.print(line, style="dim", highlight=False, markup=False)
 
 
-WIDEST = 10_000
-"""Width of a terminal, in characters, that any table fits into."""
-
-
 def _print_grid(console: Console, grid: Grid) -> None:
     """Print a table after an empty line, as wide as it is: a terminal may wrap its lines, nothing
     is cut short."""
-    table = Table(
-        title=grid.caption, title_justify="left", title_style="bold", box=None, pad_edge=False
-    )
-    for heading, left in zip(grid.headings, grid.flush_left, strict=True):
-        justify: Any = "left" if left else "right"
-        table.add_column(heading, justify=justify, no_wrap=True, overflow="fold")
-    for number, row in enumerate(grid.rows):
-        table.add_row(*row, style="bold red" if number in grid.alarms else "")
-    needed = Measurement.get(console, console.options.update(width=WIDEST), table).maximum
-    width = console.width
-    console.width = max(needed, width)
-    try:
-        console.print()
-        console.print(table)
-    finally:
-        console.width = width
+    every = [[cell.split("\n") for cell in row] for row in (grid.headings, *grid.rows)]
+    widths = [
+        max(cell_len(line) for cell in each for line in cell) for each in zip(*every, strict=True)
+    ]
+    console.print()
+    if grid.caption:
+        console.print(grid.caption, style="bold", highlight=False, markup=False)
+    for number, row in enumerate(every, start=-1):
+        style = "bold red" if number in grid.alarms else "bold" if number < 0 else ""
+        for parts in zip_longest(*row, fillvalue=""):
+            cells = [
+                cell + blank if left else blank + cell
+                for cell, left, width in zip(parts, grid.flush_left, widths, strict=True)
+                for blank in [" " * (width - cell_len(cell))]
+            ]
+            line = "  ".join(cells).rstrip()
+            console.print(line, style=style, highlight=False, markup=False, soft_wrap=True)
 
 
 # ------------------------------------------------------------------------------
