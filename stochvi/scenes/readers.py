@@ -28,7 +28,14 @@ from stochvi.results.deadline import in_command
 from stochvi.results.errors import SceneError
 from stochvi.scenes import foreign_reader
 from stochvi.scenes.foreign_reader import MOST_NUMBERS, MOST_SECONDS, REAL
-from stochvi.scenes.text_tables import VALUES, TextTable, check_file, read_text_table, unit_in
+from stochvi.scenes.text_tables import (
+    VALUES,
+    Heading,
+    TextTable,
+    check_file,
+    read_text_table,
+    unit_in,
+)
 
 # ------------------------------------------------------------------------------
 # Arrays from binary files of other programs, read where a damaged file does no harm.
@@ -299,6 +306,7 @@ def _read_text(
                 )
             ]
         )
+    table.headings[place].check_scaled()
     found = table.columns(*((place,) if x is None else (x, place)))
     known, line = table.headings[place].unit, table.headings[place].line
     others = (each for n, each in enumerate(table.headings) if n != x)
@@ -455,6 +463,7 @@ def _read_uff(path: Path, names: Sequence[str], dataset: int | None, function_ty
         x = over.to_si(x)
     # a character that is not UTF-8 is the raised 2 of an older encoding
     label = entry.facts["unit"].replace("\ufffd", "²").strip()
+    Heading(cells=(f"({label})",)).check_scaled()
     known = _label(label)
     return Columns(
         x=x, y=entry.y, unit=known, stated_in=f"dataset {dataset} of {path}",
@@ -500,6 +509,7 @@ def _read_ide(path: Path, names: Sequence[str], column: int | str | None) -> Col
             [("column", f"must be one channel of {path}, by number or name: {listed}")]
         )
     (channel,) = chosen
+    Heading(cells=(f"({channel.facts['unit']})",)).check_scaled()
     return Columns(
         x=channel.x, y=channel.y, unit=_label(channel.facts["unit"]),
         stated_in=f"channel {channel.name} of {path}",
@@ -565,6 +575,7 @@ def _read_arrays(path: Path, names: Sequence[str], variables: Sequence[str] | No
             ]
         )
     known = _unit_of(variables[-1])
+    Heading(cells=(variables[-1],), unit=known).check_scaled()
     if known is not None and known.quantity not in VALUES:
         known = None
     return Columns(
@@ -655,6 +666,7 @@ def _stated_unit(
     table: TextTable, place: int, quantity: str, name: str | None, given: Sequence[str] | None,
     choices: str,
 ) -> Unit:  # fmt: skip
+    table.headings[place].check_scaled()
     stated, column = table.headings[place].unit, f"column {place + 1} of {table.path}"
     if stated is None and name is not None:
         stated, _ = table.stated(quantity)

@@ -15,6 +15,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import overload
 
@@ -132,6 +133,20 @@ well as indices: only g counts after an underscore."""
 QUANTITY_OVER_UNIT = re.compile(r"[^/]*\w\s*/\s*(\S+)")
 """Pattern of a name over its unit, "f/kHz", the heading of a column by ISO 80000-1."""
 
+RAW = r"(?:[mµu]?V|[np]C|[cC]ounts?|LSB|[Dd]igits?|(?i:(?:milli)?volts?))"
+"""Pattern of a unit that a logger writes for values not yet scaled to a quantity."""
+
+UNSCALED = re.compile(
+    rf"[\[(]\s*({RAW}(?:(?:\^?2|²)?\s*/[^\])]+)?)\s*[\])]|(?:^|[_/ ])([mµu]V|[np]C|(?<=/)V)$|"
+    r"(?<= in )(V)$|\b(?i:(volts?|millivolts?|voltage|spannung))\b"
+)
+"""Pattern of a heading with such a unit. V alone may also name what is vertical."""
+
+SENSITIVITY = re.compile(
+    rf"[^\s,;]*{RAW}\s*(?:/|\bper\b)\s*(?!Hz)\S+|\S+\s*(?:/|\bper\b)\s*{RAW}\b"
+)
+"""Pattern of the sensitivity of a sensor, "100 mV/g", whose g is not the unit of the values."""
+
 LABELLED_UNIT = re.compile(
     r"(?:[xy][_ ])?(?:units?|einheit(?:en)?)(?:[_ ]label)?\s*[:=]\s*(\S+)", re.I
 )
@@ -192,6 +207,24 @@ class Heading:
         over = QUANTITY_OVER_UNIT.fullmatch(self.name)
         found = [*_bracketed(self.name), *([over[1]] if over else [])]
         return next((text for text in found if re.search(r"[^\W\d]", text)), "")
+
+    @property
+    def unscaled(self) -> str:
+        """The unit of a logger, "mV", for values that are not scaled to a quantity; else empty."""
+        if self.unit is not None:
+            return ""
+        found = [next(filter(None, m.groups())) for m in map(UNSCALED.search, self.cells) if m]
+        bare = [cell.strip("[]()") for cell in self.cells[1:]]  # in a line of units
+        return next((text for text in (*found, *bare) if text in found or text == "V"), "")
+
+    def check_scaled(self) -> None:
+        """Refuse values that are not scaled to a quantity, whatever unit a scene says."""
+        if found := self.unscaled:
+            raise SceneError(
+                [("file", f"has the heading {' '.join(self.cells)!r} above its values, expected "
+                  f"no {found}; divide the values by the sensitivity of the sensor (V per g; a "
+                  "density by its square), and mend the heading")]
+            )  # fmt: skip
 
     @property
     def counts(self) -> bool:
@@ -438,13 +471,14 @@ def unit_in(text: str, alone: bool = False) -> Unit | None:
     found: Unit | None
     if len(text) > LONGEST_HEADING:
         return None
+    text = SENSITIVITY.sub(" ", text)
     for inner in _bracketed(text):
         if found := _known(inner):
             return found
     words = re.sub(r"(?<=\w)(?=[\[(])", " ", text).split()
     for start in range(len(words)):
         ending = " ".join(words[start:])
-        if start and is_number(words[start - 1]):
+        if start and is_number(words[start - 1].lstrip("±")):
             break  # a value and its unit, as in "sampling rate: 400 Hz"
         signs = re.search(r"[/^²⁻]", ending) or ending.casefold() in ("hz", "khz", "cpm")
         if signs or re.search(r"[a-zA-Z)]-\d", ending):
@@ -488,13 +522,20 @@ def stated_unit(
     """The unit of some quantities that the lines above the rows state, and its line; (None, 0) if
     they state none or several."""
     found: dict[tuple[str, bool], tuple[Unit, int]] = {}
-    for number, line in above:
+    for number, whole in above:
+        line = SENSITIVITY.sub(" ", whole)
         text = line.strip(' #%/"')
         pieces = [*_bracketed(line), *re.split(r'"?[;,\t|]"?', text)]
         known = [unit_in(piece, piece == text) or _of_fraction(piece) for piece in pieces]
         if not any(known) and "dB" not in line:
-            words = [word.strip('[],;:"') for word in line.split()]
-            known = [unit_in(word) or _of_fraction(word) for word in words]
+            words = [word.strip('[],;:"±') for word in line.split()]
+            known = [
+                each
+                for before, word in pairwise(["", *words])
+                if (each := unit_in(word) or _of_fraction(word))
+                # "range 500 m/s2" is no unit of the values
+                and (each.quantity in DENSITIES or not is_number(before))
+            ]
         for each in known:
             if each and each.quantity in quantities:
                 found[each.name, each.decibels] = each, number

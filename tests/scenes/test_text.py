@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stochvi import ForceTable, RecordedNoise, SceneError, TabulatedNoise
+from stochvi.identification import read_test
 from stochvi.mathematics.spectra import Table, response_moments
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.scenes.text_tables import read_table, read_text, read_text_table, unit_in
@@ -114,6 +115,53 @@ def test_a_unit_that_a_sentence_states_is_that_of_the_values(tmp_path: Path, tex
     assert noise.record.peak == pytest.approx(3e-3 * 9.80665, rel=0.01)
     with pytest.raises(SceneError, match=r"unit is 'g', but line 1 of .* says 'mg'"):
         RecordedNoise(file=str(tmp_path / "run.csv"), unit="g")
+
+
+RUN = "\n".join(f"{0.01 * n:.2f},{n % 7}" for n in range(300))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Sensitivity: 100 mV/g\ntime (s),acc (V)", "time (s),acc (V)", "# 10 mV/(m/s2)\nt,acc [mV]",
+        "t,V\ns,mV", "Time,a\ns,V", "time (s),Voltage", "t/s,a/V", "time_s,acc_mV", "t,acc in V",
+        "t,acc [mV/g]", "t,seat (counts)", "Unit: g\ntime (s),acc (V)", "t,a (V/g)",
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("keys", [{}, {"unit": "g"}])
+def test_volts_are_refused_whatever_a_sentence_or_the_scene_says(
+    tmp_path: Path, text: str, keys: dict[str, str]
+) -> None:
+    (tmp_path / "run.csv").write_text(f"{text}\n{RUN}\n")
+    with pytest.raises(SceneError, match="divide the values by the sensitivity"):
+        RecordedNoise(file=str(tmp_path / "run.csv"), **keys)
+    with pytest.raises(SceneError, match="divide the values by the sensitivity"):
+        read_test(tmp_path / "run.csv", "drop", mass=1.0, height=1.0, **keys)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["Sensitivity: 100 mV/g", "100 pC/(m/s2)", "10.2 mV per m/s2", "9.81 m/s2 per V", "1 g/V",
+     "Range: 500 m/s2", "Range ±50 m/s2", "sensitivity [mV/g]: 100"],
+)  # fmt: skip
+@pytest.mark.parametrize("heading", ["time (s),acc", "T,V", "Zeit (s),Kanal V"])
+def test_the_unit_of_a_sensitivity_or_a_range_is_not_that_of_the_values(
+    tmp_path: Path, text: str, heading: str
+) -> None:
+    (tmp_path / "run.csv").write_text(f"{text}\n{heading}\n{RUN}\n")
+    with pytest.raises(SceneError, match="needs unit, one of g, m/s2, N"):
+        RecordedNoise(file=str(tmp_path / "run.csv"))
+    noise = RecordedNoise(file=str(tmp_path / "run.csv"), unit="mg")
+    assert noise.record.peak == pytest.approx(3e-3 * 9.80665, rel=0.01)
+    (tmp_path / "run.csv").write_text(f"{text}\ntime (s),acc (mg)\n{RUN}\n")
+    noise = RecordedNoise(file=str(tmp_path / "run.csv"))
+    assert noise.record.peak == pytest.approx(3e-3 * 9.80665, rel=0.01)
+
+
+def test_a_curve_in_volts_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "curve.csv").write_text("deflection (mm),force (V)\n0,0\n1,2\n2,5\n")
+    with pytest.raises(SceneError, match="expected no V; divide the values"):
+        ForceTable(file=str(tmp_path / "curve.csv"), unit="mm,N")
 
 
 def test_delimiters_that_fill_a_row_are_no_columns(tmp_path: Path) -> None:

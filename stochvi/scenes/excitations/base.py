@@ -431,18 +431,11 @@ def _check_sides(columns: Columns) -> None:
 
 
 def _check_heading(heading: str, named: Unit | None) -> None:
-    """Refuse a heading that contradicts the unit of the scene by decibels or a logger's unit."""
+    """Refuse a heading that contradicts the unit of the scene by decibels."""
     if re.search(r"\bdB\b", heading, re.I) and not (named and named.decibels):
         raise SceneError(
             [("unit", f"must say what 0 dB stands for, as in 'dB re 1 g2/Hz': above the values "
               f"stands {heading!r}")]
-        )  # fmt: skip
-    other = re.search(OTHER_UNITS, heading)
-    if other:
-        raise SceneError(
-            [("file", f"has the heading {heading!r} above its values, expected no {other[1]}; "
-              "divide the values by the sensitivity of the sensor (V per g; a density by its "
-              "square), and mend the heading")]
         )  # fmt: skip
 
 
@@ -451,9 +444,6 @@ TWO_SIDED = r"(?:two|double|2)[-_ ]?sided|zweiseitig|bilat[eé]ral"
 
 ONE_SIDED = r"(?:one|single|1)[-_ ]?sided|einseitig|unilat[eé]ral"
 """Pattern of words for a density of positive frequencies only, as all densities here are."""
-
-OTHER_UNITS = r"[\[(]([mµu]?V|[np]C|[cC]ounts?|LSB|[Dd]igits?)(?:(?:\^?2|²)?/Hz)?[\])]"
-"""Pattern of units in brackets that a logger writes for values not yet scaled to a quantity."""
 
 
 # ------------------------------------------------------------------------------
