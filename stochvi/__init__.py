@@ -53,10 +53,10 @@ def _rooms(package: str, names: list[str]) -> Iterator[ModuleType]:
         yield from _rooms(room.__name__, room.__all__)
 
 
-def _draw(answer: Any, ax: Any) -> Any:
+def _draw(answer: Any, ax: Any, style: str) -> Any:
     from stochvi.views.pictures import plot
 
-    return plot(answer, ax)
+    return plot(answer, ax, style)
 
 
 def _densities(answer: Any) -> Any:

@@ -10,9 +10,10 @@ import math
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self, TypeVar, cast
 
 import numpy as np
 
@@ -460,7 +461,13 @@ class Result:
         with shown_in(units_of(units)):
             return in_chosen_units(self.to_frame())
 
-    def plot(self, ax: Axes | None = None, *, units: str = "") -> Axes:
+    def plot(
+        self,
+        ax: Axes | None = None,
+        *,
+        units: str = "",
+        style: Literal["screen", "paper"] = "screen",
+    ) -> Axes:
         """Draw the answer.
 
         Parameters
@@ -471,16 +478,16 @@ class Result:
         units
             Units of the picture with commas between them, as "in, g"; by default mm and g, or what
             reads well.
+        style
+            How it looks: "paper" is one column of a journal, without a title, and reads in grey.
 
         Returns
         -------
         matplotlib.axes.Axes
             The Axes that were drawn in, the first of several.
         """
-        if not units:
-            return drawn(self, ax)
-        with shown_in(units_of(units)):
-            return drawn(self, ax)
+        with shown_in(units_of(units)) if units else nullcontext():
+            return drawn(self, ax, style)
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON document: only plain types, never NaN or infinity. Its numbers are in SI units,

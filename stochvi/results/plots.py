@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Draw = Callable[[Any, "Axes | None"], "Axes"]
-"""Draws an answer in Axes, or in those of a new figure, and returns the Axes."""
+Draw = Callable[[Any, "Axes | None", str], "Axes"]
+"""Draws an answer in Axes, or in those of a new figure, in a style, and returns the Axes."""
 
 _drawers: list[Draw] = []
 _simulated: list[Callable[[Any], Mapping[str, Any]]] = []
@@ -29,6 +29,6 @@ def densities_of(answer: Any) -> Mapping[str, Any]:
     return _simulated[-1](answer)
 
 
-def drawn(answer: Any, ax: Axes | None) -> Axes:
+def drawn(answer: Any, ax: Axes | None, style: str) -> Axes:
     """Draw an answer with the function that was registered last."""
-    return _drawers[-1](answer, ax)
+    return _drawers[-1](answer, ax, style)

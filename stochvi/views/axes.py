@@ -1,10 +1,11 @@
-"""What all pictures share. Chapters: colours; axes, units of length, stops, grid and legend."""
+"""What all pictures share. Chapters: colours; styles; axes, units, stops, grid and legend."""
 
 from __future__ import annotations
 
+import itertools
 import textwrap
-from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -91,6 +92,126 @@ def owner_colours(number: int) -> list[str]:
     from matplotlib.colors import to_hex
 
     return [to_hex(colormaps["turbo"](share)) for share in np.linspace(0.03, 0.97, number)]
+
+
+# ------------------------------------------------------------------------------
+# The styles of pictures: that of a screen, as they are drawn, and that of a paper.
+# ------------------------------------------------------------------------------
+
+
+STYLES: dict[str, dict[Any, Any]] = {
+    "screen": {},
+    "paper": {
+        "font.size": 8.0, "figure.titlesize": 8.0, "axes.titlesize": 8.0, "axes.linewidth": 0.5,
+        "xtick.labelsize": 7.0, "ytick.labelsize": 7.0, "xtick.major.width": 0.5,
+        "ytick.major.width": 0.5, "xtick.minor.width": 0.3, "ytick.minor.width": 0.3,
+        "legend.fontsize": 7.0, "legend.handlelength": 2.2, "legend.handletextpad": 0.5,
+        "legend.columnspacing": 1.0, "legend.borderpad": 0.2, "legend.labelspacing": 0.3,
+    },
+}  # fmt: skip
+"""Settings of matplotlib while a picture is drawn, by the name of its style."""
+
+COLUMN, HEADROOM, THINNER = 3.35, 0.6, 0.6
+"""Width of a column of a paper (85 mm) and height that its larger letters need, inches; lines and
+marks of a paper by those on a screen."""
+
+SPARE_LETTERS = 5
+"""Letters by which a line of a broken label may be longer than the mean of its lines."""
+
+DASHES: tuple[Any, ...] = ("-", "-.", ":", (0, (4, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 3)))
+"""Styles of lines that differ in colour, in a paper. Dashes of equal length are left to pictures,
+which use them with a meaning."""
+
+
+def in_style(style: str, draw: Callable[[], Axes], given: Axes | None = None) -> Axes:
+    """What `draw` draws, in a style by its name. Of Axes that were given, what they held before
+    stays as it is, and their figure keeps its size.
+
+    >>> in_style("poster", lambda: axes_or_new(None))
+    Traceback (most recent call last):
+    ValueError: style must be 'screen' or 'paper', got 'poster'
+    """
+    if style not in STYLES:
+        raise ValueError(f"style must be {' or '.join(map(repr, STYLES))}, got {style!r}")
+    import matplotlib as mpl
+
+    before = set() if given is None else set(given.get_children())
+    with mpl.rc_context(STYLES[style]):
+        ax = draw()
+        if style == "paper" and given is None:
+            figure: Any = ax.get_figure(root=True)
+            _to_column(figure)
+            _thin(figure.axes, before)
+            figure.draw_without_rendering()
+            for each in figure.axes:
+                _wrap_labels(each)
+        elif style == "paper":
+            _thin([ax], before)
+    return ax
+
+
+def _to_column(figure: Figure) -> None:
+    """Give a figure the width of one column of a paper, or of two where panels stand side by side;
+    its title goes, and legends that are wider get one column."""
+    width, height = figure.get_size_inches()
+    specs = [each.get_subplotspec() for each in figure.axes]
+    wide = COLUMN * min(2, max(each.get_gridspec().ncols for each in specs if each))
+    figure.set_size_inches(wide, wide * height / width + HEADROOM)
+    figure.suptitle("")
+    for ax in figure.axes:
+        legend = ax.get_legend()
+        if legend is not None and legend.get_window_extent().width > figure.bbox.width:
+            handles: Sequence[Any] = ax.get_legend_handles_labels()[0]
+            words = legend.get_texts()
+            if len(handles) != len(words):
+                handles = legend.legend_handles
+            legend_above(ax, 1, handles=handles, labels=[each.get_text() for each in words])
+
+
+def _thin(panels: Sequence[Axes], before: Collection[Artist]) -> None:
+    """Make lines and marks thin; lines that differ in colour differ in their dashes then too. Of
+    one panel the title goes."""
+    from matplotlib.colors import to_hex
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import StepPatch
+
+    if len(panels) == 1:
+        panels[0].set_title("")
+    figure: Any = panels[0].get_figure(root=True)
+    legends = [each for each in [*figure.legends, *(p.get_legend() for p in panels)] if each]
+    drawn = [part for each in panels for part in (*each.lines, *each.patches, *each.collections)]
+    parts: list[Any] = [each for each in drawn if each not in before]
+    for legend in legends:
+        parts += legend.legend_handles
+        legend.set_title(None)
+    solid = {
+        part: to_hex(part.get_color() if isinstance(part, Line2D) else part.get_edgecolor())
+        for part in parts
+        if isinstance(part, Line2D | StepPatch) and part.get_linestyle() in ("-", "solid")
+    }
+    named = [colour for part, colour in solid.items() if not str(part.get_label()).startswith("_")]
+    dashes = dict(zip(dict.fromkeys(named), itertools.cycle(DASHES)))
+    for part, colour in solid.items():
+        part.set_linestyle(dashes.get(colour, "-"))
+    for part in parts:
+        part.set_linewidth(THINNER * np.asarray(part.get_linewidth()))
+        if isinstance(part, Line2D):
+            part.set_markersize(THINNER * part.get_markersize())
+
+
+def _wrap_labels(ax: Axes) -> None:
+    """Break the labels and the title of Axes that are longer than these, into lines of about one
+    length; other scales of theirs count too."""
+    room = ax.get_window_extent()
+    wide = [ax.title, *(each.xaxis.label for each in (ax, *ax.child_axes))]
+    for text, side in (*((each, "width") for each in wide), (ax.yaxis.label, "height")):
+        words, most = text.get_text(), getattr(room, side)
+        length = getattr(text.get_window_extent(), side)
+        if length > most:
+            letters = max(8, int(max(map(len, words.splitlines())) * most / length))
+            words = " ".join(words.split())
+            lines = -(-len(words) // letters)
+            text.set_text(textwrap.fill(words, min(letters, len(words) // lines + SPARE_LETTERS)))
 
 
 # ------------------------------------------------------------------------------
@@ -319,12 +440,10 @@ def label_for_page(ax: Axes, x: str, y: str, *, legend: bool = True) -> None:
     add_grid(ax)
     ax.set_axisbelow(True)
     if legend:
-        ax.legend(frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0),
-                  ncols=LEGEND_COLUMNS)  # fmt: skip
+        legend_above(ax, LEGEND_COLUMNS)
 
 
-def legend_above(ax: Axes) -> None:
-    """The legend above the Axes of bars, where it hides none of them."""
-    ax.legend(
-        frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3
-    )
+def legend_above(ax: Axes, columns: int = 3, **more: Any) -> None:
+    """The legend above Axes, where it hides nothing."""
+    more |= {"frameon": False, "fontsize": "small", "loc": "lower center"}
+    ax.legend(bbox_to_anchor=(0.5, 1.0), ncols=columns, **more)

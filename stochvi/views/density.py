@@ -35,6 +35,7 @@ from stochvi.views.axes import (
     axes_or_new,
     draw_stop_bands,
     draw_stops,
+    legend_above,
     length_unit,
     owner_colours,
     thinned,
@@ -170,7 +171,7 @@ def plot_displacement_density(found: Overview, ax: Axes | None = None) -> Axes:
     draw_stops(ax, found.scene, unit, vertical=True)
     ax.set_xlabel(f"displacement ({name})")
     ax.set_ylabel(f"probability density (1/{name})")
-    _legend_above(ax)
+    legend_above(ax)
     return ax
 
 
@@ -194,7 +195,7 @@ def plot_velocity_density(found: Overview, ax: Axes | None = None) -> Axes:
         ax.plot(v / unit, density * unit, color=COLOURS["exact"], linewidth=1.8, label="exact")
     ax.set_xlabel(f"velocity ({SPEED})")
     ax.set_ylabel(f"probability density ({SPEED.inverse})")
-    _legend_above(ax)
+    legend_above(ax)
     return ax
 
 
@@ -220,7 +221,7 @@ def plot_record(scene: Scene, path: pd.DataFrame, ax: Axes | None = None) -> Axe
     ax.set_xlabel(f"time ({TIME})")
     ax.set_ylabel(f"displacement ({name})")
     if len(hits):
-        _legend_above(ax)
+        legend_above(ax)
     return ax
 
 
@@ -235,10 +236,6 @@ def draw_overview(found: Overview, title: str) -> Axes:
     plot_velocity_density(found, axes["v"])
     figure.suptitle(title)
     return plot_record(found.scene, found.record, axes["record"])
-
-
-def _legend_above(ax: Axes) -> None:
-    ax.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
 
 
 # ------------------------------------------------------------------------------
@@ -423,10 +420,7 @@ def _plot_panel(found: History, panel: _Panel, ax: Axes) -> None:
     add_grid(ax)
     labels = ax.get_legend_handles_labels()[1]
     if labels:
-        ax.legend(
-            frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0),
-            ncols=min(len(labels), MOST_COLUMNS),
-        )  # fmt: skip
+        legend_above(ax, min(len(labels), MOST_COLUMNS))
 
 
 def _unit(found: History, panel: _Panel, largest: float) -> tuple[float, str]:

@@ -797,7 +797,7 @@ def plot_damage_sizing(found: DamageSizing, ax: Axes | None = None) -> Axes:
     ax.set_yscale("log")
     plain_ticks(ax)
     ax.set_xlabel(f"clearance per side{found.of_widest} ({LENGTH})")
-    ax.set_ylabel("largest damage with stops over that without, less 1")
+    ax.set_ylabel("damage that stops add / damage without")
     add_grid(ax)
     ax.legend(frameon=False, fontsize="small")
     return ax

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from stochvi.mathematics.units import LENGTH, SPEED, TIME, shown_as
+from stochvi.mathematics.units import LENGTH, MILLIRADIANS, SPEED, TIME, shown_as
 from stochvi.results.base import ROTATIONS, unit_of
 from stochvi.results.errors import StochviError
 from stochvi.views.axes import (
@@ -21,8 +21,11 @@ from stochvi.views.axes import (
     add_grid,
     around_shock,
     axes_or_new,
+    in_style,
+    legend_above,
     length_unit,
     owner_colours,
+    plain_ticks,
     seconds_of,
     thinned,
 )
@@ -72,13 +75,13 @@ MOST_SCORE = 3.0
 picture."""
 
 
-def plot(found: Result, ax: Axes | None = None) -> Axes:
+def plot(found: Result, ax: Axes | None = None, style: str = "screen") -> Axes:
     """Draw an answer, in `ax` or in a figure of its own; returns the first Axes.
 
     Where a figure has several panels, `ax` gets the first of them.
     """
-    drawn: Axes = function_of(view_of(found).plot)(found, ax)
-    return drawn
+    draw = function_of(view_of(found).plot)
+    return in_style(style, lambda: draw(found, ax), ax)
 
 
 def response_told(response: Response) -> Told:
@@ -188,7 +191,7 @@ def plot_response(found: Response, ax: Axes | None = None) -> Axes:
                     found.impact_pairs.get(pair.get("name", "stops")), pair, row, unit, ax
                 )
     _label_rows(ax, [name for name, _, _ in rows])
-    ax.margins(x=0.5 if pairs else 0.1)  # room for the words beside the stops
+    ax.margins(x=0.8 if pairs else 0.1)  # room for the words beside the stops
     rotations = ", rotations in mrad" if turns else ""
     ax.set_xlabel(f"displacement, mean and one standard deviation ({length}{rotations})")
     ax.set_title(found.method, fontsize="medium")
@@ -222,10 +225,7 @@ def _plot_densities(
     ax.set_xlabel(f"displacement ({length}), stops dashed")
     bands = "95 % bands" if found.method == "simulate" else "bands of its error"
     ax.set_ylabel(f"probability density (1/{length}), {bands}")
-    ax.legend(
-        frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=1,
-        title=found.method,
-    )  # fmt: skip
+    legend_above(ax, 1, title=found.method)
     return ax
 
 
@@ -253,7 +253,7 @@ def _draw_stops_of(
         ax.plot([place / unit] * 2, [row - 0.38, row + 0.38], color=COLOURS["stop"], linewidth=5)
         rate = getattr(hits, f"collision_rate_{side}", None)
         speed = hits.impact_speed_mean if hits is not None else None
-        words = [] if rate is None else [f"{value_with_error(rate)} impacts/s"]
+        words = [] if rate is None else [value_with_error(rate), "impacts/s"]
         words += [] if speed is None or rate is None else [f"mean {float(speed):.2g} m/s"]
         ax.annotate(
             "\n".join(words), (place / unit, row), xytext=(8 if side == "upper" else -8, 0),
@@ -326,6 +326,7 @@ def plot_explanation(found: Explanation, ax: Axes | None = None) -> Axes:
         ax.text(0.5, 0.5, "no simulation was predicted", transform=ax.transAxes, ha="center")
     ax.set_xlabel("relative error asked for (%)")
     ax.set_ylabel("predicted time (s)")
+    plain_ticks(ax)
     add_grid(ax)
     return ax
 
@@ -366,18 +367,22 @@ def plot_motion(found: History, ax: Axes | None = None) -> Axes:
         name: found.samples[column].to_numpy()[part]
         for name, column in zip(names, columns, strict=True)
     }
-    unit, length = length_unit(max(float(np.abs(each).max()) for each in shown.values()))
+    moved = [float(np.abs(x).max()) for name, x in shown.items() if name not in ROTATIONS]
+    unit, length = length_unit(max(moved, default=1.0))
     for colour, (name, each) in zip(OWNERS, shown.items(), strict=False):
-        t, x = thinned(TIME(time[part]), each / unit)
-        ax.plot(t, x, color=colour, linewidth=1.1, label=name)
-        for place in _stops(found.provenance, name, len(names)):
-            ax.axhline(place / unit, color=COLOURS["stop"], linewidth=2.0)
+        turns = name in ROTATIONS
+        t, x = thinned(TIME(time[part]), MILLIRADIANS(each) if turns else each / unit)
+        label = f"{name} ({MILLIRADIANS})" if turns else name
+        ax.plot(t, x, color=colour, linewidth=1.1, label=label)
+        for number, place in enumerate(_stops(found.provenance, name, len(names))):
+            words = f"stops{f' of {name}' * several}" if number == 0 else None
+            ax.axhline(place / unit, color=COLOURS["stop"], linewidth=2.0, label=words)
     ax.margins(x=0.0)
     ax.set_xlabel(seconds_of(part, time))
     ax.set_ylabel(f"displacement ({length})")
     add_grid(ax)
-    if several:
-        ax.legend(frameon=False, fontsize="small")
+    if len(ax.get_legend_handles_labels()[0]) > 1:
+        legend_above(ax, 4)
     return ax
 
 

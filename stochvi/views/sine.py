@@ -19,7 +19,9 @@ from stochvi.views.axes import (
     UNDECIDED,
     add_grid,
     axes_or_new,
+    legend_above,
     length_unit,
+    plain_ticks,
 )
 from stochvi.views.pages import Grid, Told, told_of
 from stochvi.views.tables import Heading, with_headings
@@ -329,6 +331,7 @@ def plot_lifetimes(found: LifeTimes, ax: Axes | None = None) -> Axes:
     ax.set_yticks(range(rows), [each.regime for each in found.regimes])
     ax.set_ylim(rows - 0.5, -0.7)
     ax.set_xlabel(f"mean life time ({TIME})")
+    plain_ticks(ax)
     add_grid(ax)
     return ax
 
@@ -364,10 +367,7 @@ def plot_basins(found: Basins, ax: Axes | None = None) -> Axes:
     ax.set_ylim(edges[1][0], edges[1][-1])
     ax.set_xlabel(labels[0])
     ax.set_ylabel(labels[1])
-    ax.legend(
-        handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize="small",
-        frameon=False,
-    )  # fmt: skip
+    legend_above(ax, 2, handles=handles)
     return ax
 
 
@@ -437,7 +437,7 @@ def _plot_speeds(found: Bifurcation, ax: Axes) -> Axes:
     ax.set_ylim(bottom=0.0)
     ax.set_ylabel(f"impact speed ({SPEED})")
     ax.set_xlabel(_basin_name(found))
-    ax.legend(fontsize="small", markerscale=5.0)
+    ax.legend(fontsize="small", markerscale=2.0)
     add_grid(ax)
     return ax
 

@@ -314,8 +314,7 @@ def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
     ax.set_ylabel(f"{what} in {spoken_mission(sizing.mission)}")
     add_grid(ax)
     # above the label of the upper axis, whose distance is one of letters
-    ax.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2,
-              borderaxespad=5.0, fontsize="small")  # fmt: skip
+    legend_above(ax, 2, borderaxespad=5.0)
     top = ax.secondary_xaxis(
         "top",
         functions=(lambda c: np.asarray(c) * unit / sigma, lambda s: np.asarray(s) * sigma / unit),
@@ -726,9 +725,7 @@ def plot_pairs_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
     ax.set_xlabel(f"clearance per side ({name})")
     ax.set_ylabel(f"probability of any impact in {spoken_mission(sizing.mission)}")
     add_grid(ax)
-    ax.legend(
-        frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2
-    )
+    legend_above(ax, 2)
     return ax
 
 

@@ -27,7 +27,7 @@ from stochvi.mathematics.units import (
     readable,
     spoken_mission,
 )
-from stochvi.results.base import unit_of_limit
+from stochvi.results.base import ROTATIONS, unit_of_limit
 from stochvi.results.estimates import (
     NEAR_ONE,
     Estimate,
@@ -142,16 +142,19 @@ def draw_spectrum(found: ResponseSpectrum, title: str = "") -> Axes:
         words, quantity = DENSITIES[name]
         for colour, (owner, curves) in zip(OWNERS, shown.items(), strict=False):
             if name in curves:
-                plot_curve(curves[name], ax, colour=colour, label=owner, quantity=quantity)
+                turns = owner in ROTATIONS
+                label, unit = (f"{owner} (rad for m)", NUMBER) if turns else (owner, quantity)
+                plot_curve(curves[name], ax, colour=colour, label=label, quantity=unit)
         which, _, more = found.meanings.get(name, "").partition(", between impacts")
         label = words.format("absolute, between impacts" if more else which)
         ax.set_ylabel(f"{label}\n({quantity})")
         ax.grid(alpha=0.25)
     if len(shown) > 1:
-        axes[0].legend(frameon=False, fontsize="small", loc="lower left")
+        legend_above(axes[0])
     if transfer is not None:
         _draw_transfer(transfer, axes[-1])
     axes[-1].set_xlabel("frequency (Hz)")
+    plain_ticks(axes[-1])
     figure.suptitle(f"{title}\n{TITLE}" if title else TITLE, fontsize="medium")
     first: Axes = axes[0]
     return first
@@ -162,7 +165,7 @@ def _draw_transfer(transfer: Mapping[str, Curve], ax: Axes) -> None:
     for name, label in TRANSFER_NAMES.items():
         plot_curve(transfer[name], ax, colour=TRANSFERS[name], label=label)
     values = np.concatenate([transfer[name].value for name in TRANSFER_NAMES])
-    ax.set_ylim(0.5 * max(values.min(), 1e-3 * values.max()), 4.0 * values.max())
+    ax.set_ylim(0.5 * max(values.min(), 1e-3 * values.max()), 1.5 * values.max())
     ax.set_ylabel("transmissibility")
     ax.grid(alpha=0.25)
     right = ax.twinx()
@@ -170,12 +173,11 @@ def _draw_transfer(transfer: Mapping[str, Curve], ax: Axes) -> None:
         transfer["coherence"], right, colour=TRANSFERS["coherence"], label="coherence, right axis"
     )
     right.set_yscale("linear")
-    right.set_ylim(0.0, 1.25)  # the legend stands above 1
+    right.set_ylim(0.0, 1.05)
     right.set_yticks(np.linspace(0.0, 1.0, 6))
     right.set_ylabel("coherence", color=TRANSFERS["coherence"])
     right.tick_params(axis="y", colors=TRANSFERS["coherence"])
-    lines = [*ax.get_lines(), *right.get_lines()]
-    ax.legend(handles=lines, frameon=False, fontsize="small", ncols=3, loc="upper left")
+    legend_above(ax, handles=[*ax.get_lines(), *right.get_lines()])
 
 
 # ------------------------------------------------------------------------------
@@ -236,8 +238,10 @@ def draw_impacts(found: ImpactStatistics, title: str = "") -> Axes:
         ax.set_xlabel(labels[0])
         ax.set_ylabel(labels[1])
         ax.grid(alpha=0.25)
-        if ax.get_legend_handles_labels()[0]:
+        if ax.lines:
             ax.legend(frameon=False, fontsize="small")
+        else:
+            ax.text(0.5, 0.5, "too few impacts", transform=ax.transAxes, ha="center")
     figure.suptitle(title or "impacts")
     first: Axes = left
     return first
@@ -401,7 +405,7 @@ def plot_extremes(found: Damage, ax: Axes | None = None) -> Axes:
     if found.shocks is not None:
         ax.plot(f, shown(found.shocks.worst), "--", color=SHOCK, label="worst of 100 impacts")
         ax.plot(f, shown(found.shocks.typical), ":", color=SHOCK, label="typical impact")
-    ax.plot(f, shown(spectra.response_rms.value), color=WITH, linewidth=0.8, label="rms")
+    ax.plot(f, shown(spectra.response_rms.value), ls="-.", color=WITH, label="rms")
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.set_ylabel(f"acceleration of the\nequipment ({ACCELERATION})")
@@ -608,8 +612,10 @@ def _draw_panel(found: BumperMap, panel: Panel, ax: Axes) -> None:
     if (best := found.best) is not None:
         ax.plot(
             LENGTH(best.clearance), y[best.column], "*", markersize=13, markeredgecolor="black",
-            color=CLEARANCES["three_sigma"],
+            color=CLEARANCES["three_sigma"], label="least travel",
         )  # fmt: skip
+        if panel.quantity is ACCELERATION:  # the first panel tells it for all
+            ax.legend(fontsize="small", markerscale=0.7)
     ax.set_yscale("log")
     plain_ticks(ax)
     limit = found.limits.get(panel.name)

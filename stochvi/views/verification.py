@@ -50,8 +50,10 @@ from stochvi.views.axes import (
     add_grid,
     around_shock,
     axes_or_new,
+    legend_above,
     length_unit,
     owner_colours,
+    plain_ticks,
     seconds_of,
     thinned,
 )
@@ -614,7 +616,8 @@ def _draw_laws(found: Identification, ax: Axes) -> Axes:
     ax.set_xlabel(place.heading(words_of_place))
     if found.test.word == "restitution":
         ax.set_xscale("log")
-    ax.legend(fontsize="small")
+    plain_ticks(ax)
+    legend_above(ax, 2)
     add_grid(ax)
     return ax
 
@@ -629,6 +632,7 @@ def _draw_residuals(found: Identification, ax: Axes) -> None:
     ax.set_xlabel(place.heading(words))
     if found.test.word == "restitution":
         ax.set_xscale("log")
+    plain_ticks(ax)
     add_grid(ax)
 
 
@@ -760,8 +764,7 @@ def _plot_shock(each: ReplayAt, ax: Axes, *, whole: bool = False, legend: bool =
     ax.set_ylabel(f"displacement ({name})")
     add_grid(ax)
     if legend:
-        ax.legend(frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0),
-                  ncols=4)  # fmt: skip
+        legend_above(ax, 4)
     return ax
 
 

@@ -27,6 +27,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from matplotlib.colors import to_hex
 
 import stochvi
 from stochvi import Elastic, ImpactPair, Isolator, Oscillator, Restitution, Scene, WhiteNoise
@@ -60,6 +61,7 @@ from stochvi.statistics.impacts import impacts
 from stochvi.statistics.spectra import spectrum
 from stochvi.verification.check import check_many
 from stochvi.verification.cost import cost
+from stochvi.views.axes import STYLES
 from stochvi.views.tables import value_with_error
 from support import CHECKOUT, judges
 from support.commands import Run as RunOfCommands
@@ -244,12 +246,69 @@ def test_a_picture_is_drawn_in_axes_of_its_own_and_in_given_ones(answer: Result)
     plt.close("all")
 
 
+def assert_nothing_is_cut(figure: Any) -> None:
+    figure.canvas.draw()
+    whole, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    assert min(whole.x0, whole.y0, width - whole.x1, height - whole.y1) > -0.01
+
+
+COLUMNS = (85.0 / 25.4, 170.0 / 25.4)
+"""Widths of a picture for a paper, inches: one column, and two for panels side by side."""
+
+
+def test_a_picture_for_a_paper_has_the_width_of_its_columns_and_no_title(answer: Result) -> None:
+    """Labels and legends are within the figure, and curves of several colours differ in grey."""
+    figure: Any = answer.plot(style="paper").get_figure(root=True)
+    assert_nothing_is_cut(figure)
+    width = figure.get_size_inches()[0]
+    assert min(abs(width - each) for each in COLUMNS) < 0.01
+    assert not figure.get_suptitle()
+    assert len(figure.axes) > 1 or not figure.axes[0].get_title()
+    for ax in figure.axes:
+        solid = [
+            each
+            for each in ax.get_lines()
+            if each.get_linestyle() == "-" and not each.get_label().startswith("_")
+        ]
+        assert len({to_hex(each.get_color()) for each in solid}) < 2
+    plt.close("all")
+
+
+@pytest.mark.slow
+def test_no_picture_of_any_kind_is_cut_in_any_style(tmp_path: Path) -> None:
+    for file in SAVED:
+        (tmp_path / "answer.json").write_bytes(gzip.decompress(file.read_bytes()))
+        saved = stochvi.load_answer(tmp_path / "answer.json")
+        for style in STYLES:
+            assert_nothing_is_cut(saved.plot(style=style).get_figure(root=True))  # type: ignore[arg-type]
+        plt.close("all")
+
+
+def test_a_style_changes_nothing_beside_its_picture() -> None:
+    """What given Axes held before, their size, and settings of matplotlib stay; a cut picture is
+    noticed."""
+    found, settings = stochvi.exact(oscillator(-1.0, 1.0, 1.0)), dict(plt.rcParams)
+    figure, ax = plt.subplots(figsize=(5.0, 3.0))
+    mine = ax.plot([0.0, 1.0], linewidth=3.0)[0]
+    found.plot(ax, style="paper")
+    assert mine.get_linewidth() == 3.0 and mine.get_linestyle() == "-"
+    assert list(figure.get_size_inches()) == [5.0, 3.0]
+    assert dict(plt.rcParams) == settings
+    narrow: Any = found.plot(style="paper").get_figure(root=True)
+    narrow.axes[0].set_xlabel(100 * "x")
+    with pytest.raises(AssertionError):
+        assert_nothing_is_cut(narrow)
+    with pytest.raises(ValueError, match=r"^style must be 'screen' or 'paper', got 'poster'$"):
+        found.plot(style="poster")  # type: ignore[arg-type]
+    plt.close("all")
+
+
 def test_the_picture_of_a_response_tells_its_stops_and_hits() -> None:
     found = stochvi.fokker_planck(oscillator(-1.0, 0.5, 0.8))
     ax = found.plot()
     walls = [line.get_xdata()[0] for line in ax.get_lines() if len(line.get_xdata()) == 2]
     assert walls == [-1.0, 0.5]
-    words = " ".join(text.get_text() for text in ax.texts)
+    words = " ".join(" ".join(text.get_text().split()) for text in ax.texts)
     pair = found.impact_pairs["stops"]
     for rate in (pair.collision_rate_lower, pair.collision_rate_upper):
         assert f"{value_with_error(rate)} impacts/s" in words
