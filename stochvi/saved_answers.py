@@ -20,7 +20,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from stochvi.mathematics.units import checked
-from stochvi.results.base import Result
+from stochvi.results.base import Result, frame_of
 from stochvi.results.estimates import version_of
 from stochvi.results.files import kind_of, name_of, now, write_whole
 from stochvi.scenes.scene import Scene, scene_from
@@ -223,10 +223,8 @@ def _made_array(found: dict[str, Any]) -> np.ndarray:
 
 
 def _made_table(columns: list[list[Any]]) -> Any:
-    import pandas as pd
-
     (_, index), *rest = columns
-    table = pd.DataFrame({name: _made_array(each) for name, each in rest})
+    table = frame_of({name: _made_array(each) for name, each in rest})
     places = _made_array(index)
     return table if np.array_equal(places, np.arange(len(table))) else table.set_axis(places)
 

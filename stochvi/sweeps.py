@@ -22,7 +22,7 @@ from stochvi.isolators.tolerances import Spread, check_spreads, spreads_of
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import MEASURED, measured_in, plain_number
 from stochvi.model.model import model_of
-from stochvi.results.base import Response, Result, plain
+from stochvi.results.base import DataFrame, Response, Result, frame_of, plain
 from stochvi.results.deadline import Progress
 from stochvi.results.errors import (
     CheckpointError,
@@ -62,8 +62,6 @@ from stochvi.statistics.crossings import own_distances
 from stochvi.views.files import folder_in, to_json, write_text
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from stochvi.isolators import MissionSizing, Sizing
 
 
@@ -92,14 +90,14 @@ MOST_ROWS = 10_000
 @calculation
 def sweep(
     scene: Scene | str | Path,
-    vary: Mapping[str, Sequence[float]] | pd.DataFrame,
+    vary: Mapping[str, Sequence[float]] | DataFrame,
     *,
     method: str = "simulate",
     out: str | Path | None = None,
     common: bool = True,
     progress: Progress | None = None,
     **arguments: Any,
-) -> pd.DataFrame:
+) -> DataFrame:
     """Answer for each combination of values of some keys of a scene: one row for each scene.
 
     The first columns are the keys. Each quantity has a column with its value in SI units, as
@@ -219,7 +217,7 @@ def check_method(method: str, arguments: Mapping[str, Any]) -> None:
 def rows_of(
     scene: Scene, grid: Sequence[Change], made: Callable[[Change], Scene], *, method: str,
     common: bool, arguments: dict[str, Any], out: str | Path | None, progress: Progress | None,
-) -> pd.DataFrame:  # fmt: skip
+) -> DataFrame:  # fmt: skip
     """The table of a sweep: a row for each change, of the scene that is made of it; see `sweep`."""
     known = RunOptions.__annotations__.keys() & arguments.keys()
     options = {name: arguments.pop(name) for name in known}
@@ -228,7 +226,7 @@ def rows_of(
     if out is not None and (own := sorted({"checkpoint", "resume"} & options.keys())):
         raise ValueError(f"give {own[0]} or out, not both: the folder out keeps all rows")
     budget = options.pop("budget", BUDGET if method in SAMPLING else None)
-    found: pd.DataFrame = _sweep(
+    found: DataFrame = _sweep(
         scene, grid, made, method=method, common=common, arguments=arguments, out=out,
         progress=progress,
         budget=None if budget is None else len(grid) * budget, **options,
@@ -242,7 +240,7 @@ def _sweep(
     scene: Scene, grid: Sequence[Change], made: Callable[[Change], Scene], *, method: str,
     common: bool, arguments: Mapping[str, Any], out: str | Path | None,
     **options: Unpack[RunOptions],
-) -> pd.DataFrame:  # fmt: skip
+) -> DataFrame:  # fmt: skip
     """The table of a sweep."""
     run, number, rows = Run.of(options), len(grid), list[dict[str, Any]]()
     given = dict(arguments)
@@ -267,13 +265,11 @@ def _sweep(
     return _table(rows)
 
 
-def _table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+def _table(rows: Sequence[Mapping[str, Any]]) -> DataFrame:
     """The table of finished rows."""
-    import pandas as pd
-
     if not rows:
-        return pd.DataFrame()
-    return pd.DataFrame(rows).astype({"seed": "Int64", "paths": "Int64", "seconds": float})
+        return frame_of()
+    return frame_of(rows).astype({"seed": "Int64", "paths": "Int64", "seconds": float})
 
 
 def _grid(vary: Any) -> list[Change]:
@@ -658,7 +654,7 @@ def mean_over_records(
     out: str | Path | None = None,
     progress: Progress | None = None,
     **arguments: Any,
-) -> pd.DataFrame:
+) -> DataFrame:
     """Mean over several measured records, and scatter between them, of a method's answer.
 
     Each record takes the place of the file of the scene; unit, level and band stay. The mission
@@ -713,8 +709,6 @@ def mean_over_records(
     >>> bool(0.0 < table.loc["mission.hit", "mean"] < table.loc["mission.hit", "high"] <= 1.0)
     True
     """
-    import pandas as pd
-
     check_method(method, arguments)
     records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]
     if len(records) != 1:
@@ -739,12 +733,12 @@ def mean_over_records(
     rows.insert(0, "file", [str(file) for file in files])
     known = [str(name) for name in rows]
     quantities = [each.removesuffix(f".{ERROR}") for each in known if each.endswith(f".{ERROR}")]
-    found = pd.DataFrame([_mean(rows, quantity) for quantity in quantities])
+    found = frame_of(_mean(rows, quantity) for quantity in quantities)
     found.attrs["records"] = rows
     return found
 
 
-def _mean(rows: pd.DataFrame, quantity: str) -> dict[str, Any]:
+def _mean(rows: DataFrame, quantity: str) -> dict[str, Any]:
     """The row of a quantity; NaN where the answer of any record lacks it."""
     value, error, bias = (
         rows[name].to_numpy(dtype=float)
@@ -788,7 +782,7 @@ def mean_over_units(
     out: str | Path | None = None,
     progress: Progress | None = None,
     **arguments: Any,
-) -> pd.DataFrame:
+) -> DataFrame:
     """Mean over units, and spread between them, of every quantity of a method's answer.
 
         E q = sum_i w_i q(unit_i)
@@ -840,8 +834,6 @@ def mean_over_units(
     >>> round(float(rate["mean"]), 4), round(float(rate["std_between_units"]), 4)
     (0.2835, 0.0172)
     """
-    import pandas as pd
-
     check_method(method, arguments)
     spreads = spreads_of(scene) if spreads is None else spreads
     check_spreads(scene, spreads)
@@ -874,7 +866,7 @@ def mean_over_units(
     known = [str(name) for name in rows]
     quantities = [each.removesuffix(f".{ERROR}") for each in known if each.endswith(f".{ERROR}")]
     bases = [spreads[tolerance].polynomials(nodes) for tolerance, _ in columns]
-    found = pd.DataFrame([_mean_over_points(rows, quantity, bases) for quantity in quantities])
+    found = frame_of(_mean_over_points(rows, quantity, bases) for quantity in quantities)
     found.attrs["units"] = rows
     return found
 
@@ -898,7 +890,7 @@ def _left_out(value: Vector, weight: Vector, bases: Sequence[Matrix]) -> float:
     return found
 
 
-def _mean_over_points(rows: pd.DataFrame, quantity: str, bases: Sequence[Matrix]) -> dict[str, Any]:
+def _mean_over_points(rows: DataFrame, quantity: str, bases: Sequence[Matrix]) -> dict[str, Any]:
     """The row of a quantity; NaN where the answer of any unit lacks it."""
     weight, value, error = (
         rows[name].to_numpy(dtype=float) for name in ("weight", quantity, f"{quantity}.{ERROR}")

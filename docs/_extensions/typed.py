@@ -26,7 +26,7 @@ PLAIN = {
 """Names that the code gives to checked numbers and texts, in words of Python."""
 
 ELSEWHERE = {
-    "np.ndarray": "numpy.ndarray", "pd.DataFrame": "pandas.DataFrame", "pd.Series": "pandas.Series",
+    "np.ndarray": "numpy.ndarray", "DataFrame": "pandas.DataFrame", "pd.Series": "pandas.Series",
     "Axes": "matplotlib.axes.Axes", "Path": "pathlib.Path", "Any": "typing.Any",
     "Callable": "collections.abc.Callable", "Iterable": "collections.abc.Iterable",
     "Mapping": "collections.abc.Mapping", "Sequence": "collections.abc.Sequence",

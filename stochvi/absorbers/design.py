@@ -8,7 +8,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 import scipy
@@ -31,7 +31,7 @@ from stochvi.methods.periodic import HarmonicResponse, harmonic_response
 from stochvi.methods.periodic.continuation import even_regimes
 from stochvi.methods.periodic.family import Family, Numbers, forced, parts_of
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import Result, total_cost
+from stochvi.results.base import DataFrame, Result, frame_of, stacked, total_cost
 from stochvi.results.deadline import Deadline, partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import GAUSSIAN_95, Cost, Estimate, provenance
@@ -43,9 +43,6 @@ from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.keys import KEY_UNITS, changed_scene
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Isolator, Matrices, Oscillator
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 PLAYS = tuple(float(play) for play in np.geomspace(0.75, 14.0, 10))
 """Total plays of the first search, in rms displacements of the structure alone."""
@@ -126,11 +123,11 @@ class Design(Result):
     best: BestBox
     robust: BestBox
     level_range_db: float
-    curve: pd.DataFrame
-    candidates: pd.DataFrame
+    curve: DataFrame
+    candidates: DataFrame
     tuned_damper: TunedDamper | None
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """One row per candidate, the best one first."""
         return self.candidates
 
@@ -210,8 +207,6 @@ def design_absorber(
     >>> 1.5 < found.best.play < 5.0 and found.best.ratio.value < 0.55
     True
     """
-    import pandas as pd
-
     structure = alone(structure)
     sigma = _check(structure, mass_budget, restitutions, units, plays, level_range_db)
     pairs = [(r, n) for r in restitutions for n in units]
@@ -238,8 +233,7 @@ def design_absorber(
     # points that are missing may leave no room for the whole range of levels
     reach = min(level_range_db, 0.49 * DECIBELS * float(np.ptp(points_of_winner[0])))
     robust = _best_box(points_of_winner, sigma, reach, run.seed)
-    candidates = pd.DataFrame(
-        [
+    candidates = frame_of(
             {
                 "restitution": restitution,
                 "units": count,
@@ -252,10 +246,9 @@ def design_absorber(
                 known, [best if k == winner else first for k, first in enumerate(firsts)],
                 strict=True,
             )
-        ]
     )  # fmt: skip
     others = candidates.drop(index=winner).sort_values("rms_ratio")
-    candidates = pd.concat([candidates.iloc[[winner]], others], ignore_index=True)
+    candidates = stacked([candidates.iloc[[winner]], others])
     restitution, count = known[winner]
     answer = Design(
         scene=with_absorber(structure, mass_budget, best.play, restitution, count),
@@ -266,7 +259,7 @@ def design_absorber(
         best=best,
         robust=robust,
         level_range_db=reach,
-        curve=pd.DataFrame(search.rows),
+        curve=frame_of(search.rows),
         candidates=candidates,
         tuned_damper=tuned_damper(structure, "x", mass_budget),
         cost=total_cost(search.costs),
@@ -788,11 +781,9 @@ class ResidualCurve:
         """Index of the value at which the worst motion that may last is smallest."""
         return int(np.nanargmin(self.worst))
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """One row for each value."""
-        import pandas as pd
-
-        return pd.DataFrame(vars(self))
+        return frame_of(vars(self))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -830,13 +821,9 @@ class AbsorberSine(Result):
     tuning: Sequence[ResidualCurve]
     regimes: HarmonicResponse
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """One row for each value of each curve, SI units."""
-        import pandas as pd
-
-        return pd.concat(
-            [each.to_frame() for each in (self.frequency, *self.tuning)], ignore_index=True
-        )
+        return stacked(each.to_frame() for each in (self.frequency, *self.tuning))
 
     def summary(self) -> str:
         """The residual vibration at the resonance and over all frequencies, and the best tuning, in

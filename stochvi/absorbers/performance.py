@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Unpack
+from typing import Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 import scipy
@@ -18,7 +18,7 @@ from stochvi.methods.monte_carlo import record_paths, simulate
 from stochvi.methods.monte_carlo.simulation import compile_kernels
 from stochvi.model.modal import linear_law
 from stochvi.model.model import Model, Pair, Stop, model_of
-from stochvi.results.base import PairResponse, Response, Result, total_cost
+from stochvi.results.base import DataFrame, PairResponse, Response, Result, frame_of, total_cost
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import (
     Estimate,
@@ -33,9 +33,6 @@ from stochvi.scenes.excitations import BASE, Excitation, Sine
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Matrices
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 # ------------------------------------------------------------------------------
 # The damper that an absorber competes with: the same mass on a tuned spring and dashpot.
@@ -434,26 +431,19 @@ class AbsorberReport(Result):
         """The performance at the level nearest to that of the scene."""
         return min(self.performances, key=lambda each: abs(each.level_db))
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """One row per level, SI units."""
-        import pandas as pd
-
         rows = []
         for each in self.performances:
-            low, high = each.interval()
-            row: dict[str, Any] = {
-                "level_db": each.level_db,
-                "rms_ratio": each.ratio.value,
-                "rms_ratio_low": low,
-                "rms_ratio_high": high,
-            }
+            row: dict[str, Any] = {"level_db": each.level_db, "rms_ratio": each.ratio.value}
+            row["rms_ratio_low"], row["rms_ratio_high"] = each.interval()
             for name, value in vars(each).items():
-                if name not in ("level_db", "ratio", "response"):
-                    row[name] = value.value if isinstance(value, Estimate) else value
-                    if isinstance(value, Estimate):
-                        row[f"{name}_error"] = value.standard_error
+                if isinstance(value, Estimate) and name != "ratio":
+                    row |= {name: value.value, f"{name}_error": value.standard_error}
+                elif name not in (*row, "ratio", "response"):
+                    row[name] = value
             rows.append(row)
-        return pd.DataFrame(rows)
+        return frame_of(rows)
 
     def summary(self) -> str:
         """The effect of the absorber at the level nearest to that of the scene, in words."""
@@ -792,7 +782,7 @@ class PeakSampler(ListSampler):
         )
         return [self._of(record[record["time"] > settling]) for record in records]
 
-    def _of(self, settled: pd.DataFrame) -> Peaks:
+    def _of(self, settled: DataFrame) -> Peaks:
         model = model_of(self.scene)
         x = settled[f"displacement of {self.carrier}"].to_numpy()
         parts = np.array_split(np.abs(x - x.mean()), WINDOWS_OF_PATH)
@@ -838,7 +828,7 @@ def _windows(scene: Scene, carrier: str, period: float, run: Run) -> _Windows:
     )
 
 
-def _wall_peaks(model: Model, row: int, record: pd.DataFrame) -> Vector:
+def _wall_peaks(model: Model, row: int, record: DataFrame) -> Vector:
     """Largest force on a stop (N), and largest acceleration (m/s^2) that such a force gives a
     coordinate: means over the windows of a path (2,)."""
     largest = np.zeros((2, WINDOWS_OF_PATH))
@@ -860,7 +850,7 @@ def _shaken_by_base(scene: Scene) -> bool:
     return all(scene.place(each) == BASE for each in shaking)
 
 
-def _absolute_acceleration(scene: Scene, carrier: str, record: pd.DataFrame) -> np.ndarray:
+def _absolute_acceleration(scene: Scene, carrier: str, record: DataFrame) -> np.ndarray:
     """-(K x + C v) / m of the carrier, m/s^2: what springs and dampers do to it."""
     mass, damping, stiffness = scene.structure.matrices
     row = scene.structure.coordinates.index(carrier)

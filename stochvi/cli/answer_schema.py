@@ -11,7 +11,6 @@ from types import UnionType
 from typing import Any, ClassVar, Literal, NamedTuple, Union, get_args, get_origin
 
 import numpy as np
-import pandas as pd
 
 from stochvi.isolators.production_risk import Production
 from stochvi.isolators.record_verdict import RecordVerdict
@@ -27,7 +26,7 @@ from stochvi.isolators.sizing.answer import (
 )
 from stochvi.isolators.tolerances import Spread
 from stochvi.methods.periodic.resonance import HarmonicResonance
-from stochvi.results.base import Quantities, Response, Result
+from stochvi.results.base import DataFrame, Quantities, Response, Result
 from stochvi.scenes.keys import DIALECT
 from stochvi.scenes.scene import Scene
 
@@ -51,12 +50,12 @@ PLAIN: dict[Any, Schema] = {
     Any: {}, dict: PART, None: {"type": "null"}, type(None): {"type": "null"},
     bool: {"type": "boolean"},
     int: {"type": "integer"}, float: NUMBER, str: {"type": "string"}, Scene: PART,
-    pd.DataFrame: ROWS, np.ndarray: {"type": "array"},
+    DataFrame: ROWS, np.ndarray: {"type": "array"},
 }  # fmt: skip
 """Schemas of types that need no definition of their own, by type."""
 
 TYPES = {
-    "pd": pd, "Scene": Scene, "Response": Response, "Screening": Screening,
+    "Scene": Scene, "Response": Response, "Screening": Screening,
     "HarmonicResonance": HarmonicResonance, "Production": Production, "Spread": Spread,
 }  # fmt: skip
 """Types by the names that annotations use in modules which import them for type checking only."""

@@ -21,10 +21,9 @@ from stochvi.cli.options import (
     tolerances_of,
 )
 from stochvi.cli.program import FAILED, stop
+from stochvi.results.base import DataFrame
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from stochvi.isolators import Sizing
     from stochvi.mathematics.numerics import Vector
     from stochvi.methods.replay import Replay
@@ -251,11 +250,11 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
     unseen: list[str] = []
     options.say(record_told(record))
 
-    def simulated() -> pd.DataFrame:
+    def simulated() -> DataFrame:
         with options.progress("clearance") as report:
             return clearance_curve(loaded, places, progress=report, **options.sampling, **asked)
 
-    def show(curve: pd.DataFrame) -> None:
+    def show(curve: DataFrame) -> None:
         unseen.extend(unseen_notes(curve))
         notes = [*clearance_notes(linear, places), *unseen]
         document = {
@@ -336,7 +335,7 @@ def size(question: Question) -> Show:
     asked |= {"tolerances": allowed, "spreads": spreads, "common": common}
     asked["budget"] = deadline.part(share)
 
-    def changed(answer: Sizing) -> pd.DataFrame:
+    def changed(answer: Sizing) -> DataFrame:
         with options.progress("sensitivity") as report:
             return partial_result(
                 vary, answer, seed=options.seed, threads=options.threads,
@@ -358,7 +357,7 @@ def size(question: Question) -> Show:
             question.unmet.append(f"not as accurate as asked for: {fell_short[0]}{more}")
         question.show(answer, lambda: reviewed(answer, table), document=document, sensitivity=table)
 
-    def reviewed(answer: Sizing, table: pd.DataFrame | None) -> dict[str, Any]:
+    def reviewed(answer: Sizing, table: DataFrame | None) -> dict[str, Any]:
         from stochvi.isolators.sizing.review import ReviewSettings, review
 
         if answer.production is not None:

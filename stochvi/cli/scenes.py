@@ -12,6 +12,7 @@ import click
 from stochvi.cli.declared import command
 from stochvi.cli.options import Common
 from stochvi.cli.program import BAD_INPUT, FAILED, console_for, main, progress_bar, stop
+from stochvi.results.base import frame_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -93,9 +94,8 @@ def run_demo(options: Common, out: Path, console: Console, report: Progress) -> 
 
 
 def _show_textbook(scene: Scene, verdict: Check, label: str, out: Path, console: Console) -> None:
-    import pandas as pd
-
     from stochvi.methods.linearisation import linearise
+    from stochvi.results.base import stacked
     from stochvi.statistics.densities import overview
     from stochvi.views.density import draw_overview
     from stochvi.views.files import try_picture, write_table
@@ -116,7 +116,7 @@ def _show_textbook(scene: Scene, verdict: Check, label: str, out: Path, console:
     console.print(verdict.summary(), highlight=False)
     write_table(verdict.to_frame(), out / "check.csv")
     write_table(
-        pd.concat([response.to_frame() for response in [*verdict.responses, *forms]]),
+        stacked(response.to_frame() for response in [*verdict.responses, *forms]),
         out / "methods.csv",
     )
     try_picture(
@@ -259,8 +259,6 @@ level_db = 0.0
 @main.command()
 def profiles() -> None:
     """List the tabulated environments that ship."""
-    import pandas as pd
-
     from stochvi.mathematics.units import STANDARD_GRAVITY
     from stochvi.scenes.datasets import profiles as shipped
     from stochvi.scenes.excitations import TabulatedNoise
@@ -277,7 +275,7 @@ def profiles() -> None:
         }
         for profile in shipped().values()
     ]
-    table = Grid.of("profiles, g rms as stated and recomputed", pd.DataFrame(rows))
+    table = Grid.of("profiles, g rms as stated and recomputed", frame_of(rows))
     print_told(console_for(None), Told(sections=[Section(grids=[table])]))
 
 

@@ -10,6 +10,7 @@ import click
 from stochvi.cli.declared import Question, command, declare
 from stochvi.cli.options import BUDGET, Common, shown
 from stochvi.cli.program import FAILED, stop
+from stochvi.results.base import frame_of
 
 if TYPE_CHECKING:
     from stochvi.verification.check import Check, Checks
@@ -117,14 +118,13 @@ def explain(options: Common, scene: str, budget: float) -> None:
         found = explain_scene(loaded, **asked).with_start(before)
         options.show(found)
     if options.out is not None:
-        import pandas as pd
-
+        from stochvi.results.base import stacked
         from stochvi.views.files import write_table
         from stochvi.views.schematic import write_problem
 
         if phases:
             tables = [each.to_frame().assign(phase=name) for name, each in phases.items()]
-            write_table(pd.concat(tables), options.out / "methods.csv")
+            write_table(stacked(tables), options.out / "methods.csv")
         rests = {name: gap.position for name, gap in found.rest_of_gaps.items()}
         write_problem(loaded, rests, options.out)
 
@@ -158,11 +158,9 @@ def problems(options: Common, paths: int, relaxations: float) -> None:
     options.say(problems_told({each[0].name: in_a_sentence(*each) for each in found}))
     if options.out is None:
         return
-    import pandas as pd
-
     for problem, answer in found:
         write_json(problem_document(problem, answer), str(options.out / f"{problem.name}.json"))
-    write_table(pd.DataFrame([index_row(*each) for each in found]), options.out / "index.csv")
+    write_table(frame_of(index_row(*each) for each in found), options.out / "index.csv")
     write_text(readme(), options.out / "README.txt")
 
 

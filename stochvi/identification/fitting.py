@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy
@@ -21,7 +21,7 @@ from stochvi.identification.measurements import (
     Scale,
 )
 from stochvi.mathematics.numerics import Matrix, Vector
-from stochvi.results.base import Result
+from stochvi.results.base import DataFrame, Result, frame_of
 from stochvi.results.estimates import (
     CONFIDENCE,
     GAUSSIAN_95,
@@ -50,10 +50,6 @@ from stochvi.scenes.impact_laws.rigid import (
     yielding_restitution,
 )
 from stochvi.scenes.validation import Scatter
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # ------------------------------------------------------------------------------
 # Laws that a stop may follow, as functions of numbers that are of the order of 1 in a test.
@@ -581,8 +577,8 @@ class Identification(Result):
     law: ImpactLaw
     line: str
     of_test: Mapping[str, Estimate]
-    curve: pd.DataFrame
-    loop: pd.DataFrame | None = None
+    curve: DataFrame
+    loop: DataFrame | None = None
     assumptions: Sequence[str] = ()
 
     @property
@@ -598,12 +594,9 @@ class Identification(Result):
         )
         return f"{self.chosen}: {self.best.formula}; {numbers.replace(' [fit]', '')}"
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """One row per number of each law, with the law's misfit."""
-        import pandas as pd
-
-        return pd.DataFrame(
-            [
+        return frame_of(
                 {
                     "law": name, "number": number, "value": each.value,
                     "standard_error": each.standard_error, "unit": fit.units[number],
@@ -611,7 +604,6 @@ class Identification(Result):
                 }
                 for name, fit in self.fits.items()
                 for number, each in fit.numbers.items()
-            ]
         )  # fmt: skip
 
 
@@ -757,22 +749,18 @@ def _of_test(found: Fit) -> Mapping[str, Estimate]:
 
 
 def _curve(test: Measurement, fits: list[Fit]) -> Any:
-    import pandas as pd
-
     columns = {"place": test.place, "observed": test.observed}
     columns |= {each.candidate.name: each.fitted for each in fits}
-    return pd.DataFrame(columns)
+    return frame_of(columns)
 
 
 def _loop(test: Measurement, found: Fit) -> Any:
-    import pandas as pd
-
     if not isinstance(test, DropRecord):
         return None
     law = found.law
     assert isinstance(law, CompliantLaw)
     y, v, force = test.motion(law, found.extra)
-    return pd.DataFrame(
+    return frame_of(
         {"deflection": y, "speed": v, "force": force, "law": law.force_at(y, v, test.mass)}
     )
 

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Unpack
+from typing import Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import ACCELERATION, LENGTH, STIFFNESS, shown, spoken_mission
 from stochvi.model.coverage import beyond_one_oscillator, free_motion
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import Result
+from stochvi.results.base import DataFrame, Result, frame_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable, check_size
 from stochvi.results.estimates import Estimate, jackknife_error, provenance, spoken_percent
@@ -37,10 +37,6 @@ from stochvi.statistics.clusters import FLOWN_SAMPLES, UNFINISHED, WINDOWS, Clus
 from stochvi.statistics.damage import SpectrumValues
 from stochvi.statistics.damage.equipment import GROUPS, exceedance
 from stochvi.statistics.damage.simulated import PAST_LARGEST
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # ------------------------------------------------------------------------------
 # The answer of `bumper_map`.
@@ -169,11 +165,9 @@ class BumperMap(Result):
             return 0.0
         return float(np.median(peak.standard_error[touched] / peak.value[touched]))
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """A row for each point of the map, with the standard error and the bias of each
         quantity."""
-        import pandas as pd
-
         shape = self.peak_acceleration.value.shape
         columns: dict[str, Any] = {
             "clearance": np.repeat(self.clearance, shape[1]),
@@ -188,7 +182,7 @@ class BumperMap(Result):
                 f"{name}_bias": values.bias.ravel(),
             }  # fmt: skip
         judged = {"feasible": self.feasible.ravel(), "exceeded": self.exceeded.ravel()}
-        return pd.DataFrame(columns | judged)
+        return frame_of(columns | judged)
 
     def stop_in_words(self, column: int) -> str:
         """The stiffness of a column, in words."""

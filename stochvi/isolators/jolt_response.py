@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +22,7 @@ from stochvi.methods.monte_carlo.modal_tables import plan_modal_contacts
 from stochvi.methods.periodic.resonance import HarmonicResonance
 from stochvi.model.coverage import beyond_one_oscillator, functions, scattered
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import Result
+from stochvi.results.base import DataFrame, Result, frame_of
 from stochvi.results.deadline import Deadline, Progress, graceful_interrupt
 from stochvi.results.errors import MOST_NUMBERS, NotApplicable, check_size
 from stochvi.results.estimates import (
@@ -35,10 +35,6 @@ from stochvi.sampling.calculations import GivenUp, calculation, given_up_after
 from stochvi.scenes.excitations import BASE, Sine
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # ------------------------------------------------------------------------------
 # Contacts of an isolated mass with a stop, mount and stop together.
@@ -248,11 +244,9 @@ class Jolts(Result):
             return EscapeRate(len(kept) / ((1.0 - begun) * total), low, high)
         return EscapeRate(math.nan if len(kept) else 0.0, 0.0, high)
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """One row per jolt: shares of paths captured, with the exact interval, and on both stops;
         share of the captured ones that left later."""
-        import pandas as pd
-
         rows = []
         for number, speed in enumerate(self.speeds):
             caught = int(self.captured[number].sum())
@@ -268,7 +262,7 @@ class Jolts(Result):
                     "left_later": gone / caught if caught else math.nan,
                 }
             )
-        return pd.DataFrame(rows)
+        return frame_of(rows)
 
     def summary(self) -> str:
         """Capture and escape, in sentences."""

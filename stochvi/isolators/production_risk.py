@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Unpack
+from typing import Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 import scipy
@@ -44,7 +44,7 @@ from stochvi.isolators.tolerances import (
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import LENGTH, spoken_mission
 from stochvi.model.model import model_of
-from stochvi.results.base import Result
+from stochvi.results.base import DataFrame, Result, frame_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, provenance, spoken_percent
@@ -54,10 +54,6 @@ from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import AXES
 from stochvi.scenes.validation import mean_unit
 from stochvi.statistics.crossings import own_distances
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # ------------------------------------------------------------------------------
 # The risk of a production, and the clearance that keeps it.
@@ -133,9 +129,9 @@ class Production(Result):
     probability_as_stated: float
     share_above: Estimate | None
     correction: Estimate
-    units: pd.DataFrame
-    tolerances: pd.DataFrame
-    simulated: pd.DataFrame
+    units: DataFrame
+    tolerances: DataFrame
+    simulated: DataFrame
     method: str
     allowed: Tolerances = field(default_factory=Tolerances)
 
@@ -176,7 +172,7 @@ class Production(Result):
             "variance between units"
         )
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """The tolerances, and the clearance that each costs."""
         return self.tolerances
 
@@ -1098,8 +1094,6 @@ class _Job:
 
     def answer(self) -> Production:
         """Find the shift of the stops, the correction and what each tolerance costs."""
-        import pandas as pd
-
         self.run.tell(0.0, "units by linear theory")
         self.quadrature()
         self.probe(self.placed(1.0))
@@ -1137,7 +1131,7 @@ class _Job:
             correction=self.correction,
             units=self._quantiles(needed, shift),
             tolerances=self._costs(shift),
-            simulated=pd.DataFrame(self.rows),
+            simulated=frame_of(self.rows),
             method=METHOD,
             allowed=self.tolerances,
             warnings=self._warnings(relative),
@@ -1166,12 +1160,10 @@ class _Job:
             how="by linear theory, with its corrections",
         )  # fmt: skip
 
-    def _quantiles(self, needed: Vector, shift: float) -> pd.DataFrame:
-        import pandas as pd
-
+    def _quantiles(self, needed: Vector, shift: float) -> DataFrame:
         lift = self.lifts + math.log(self.correction.value)
         chances = self.chances(self.pool, shift, lift)
-        return pd.DataFrame(
+        return frame_of(
             {
                 "share_of_units": QUANTILES,
                 "probability": _quantiles(chances, self.weight),
@@ -1179,12 +1171,10 @@ class _Job:
             }
         )
 
-    def _costs(self, shift: float) -> pd.DataFrame:
+    def _costs(self, shift: float) -> DataFrame:
         """The table that `Production.tolerances` describes."""
-        import pandas as pd
-
         if not self.spreads:
-            return pd.DataFrame()
+            return frame_of()
         columns = [tolerance for tolerance, _ in self.units.columns]
         most, without, mixed = float(self.largest(shift)), [], []
         for name, spread in self.spreads.items():
@@ -1205,7 +1195,7 @@ class _Job:
                 name: shares.mean(axis=0).tolist(),
                 f"{name}_error": [_deviation(each) for each in shares.T],
             }
-        return pd.DataFrame(table)
+        return frame_of(table)
 
     def _shares(self, number: int, mixed: Sequence[Vector]) -> tuple[Vector, Vector]:
         """Shares of each spread quantity in the variance of the clearance that a unit needs, alone

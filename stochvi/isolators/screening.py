@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 import scipy
@@ -31,7 +31,7 @@ from stochvi.methods.monte_carlo import simulate
 from stochvi.model.coverage import FreeMotion, at_rest, free_motion, natural_modes, scene_notes
 from stochvi.model.modal import absolute_accelerations
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import COMMON, Response, Result
+from stochvi.results.base import COMMON, DataFrame, Response, Result, frame_of
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, provenance
@@ -41,9 +41,6 @@ from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody
 from stochvi.scenes.validation import moved
 from stochvi.statistics.trial_splitting import has_fast_peaks, without_peaks
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 # ------------------------------------------------------------------------------
 # The stops of a scene, moved to given clearances.
@@ -131,8 +128,8 @@ class Environment:
 
     excitations: tuple[Mapping[str, float], ...]
     base: BaseMotion | None
-    spectra: pd.DataFrame | None
-    breakpoints: pd.DataFrame | None
+    spectra: DataFrame | None
+    breakpoints: DataFrame | None
 
 
 def environment(scene: Scene) -> Environment:
@@ -147,13 +144,11 @@ def environment(scene: Scene) -> Environment:
     >>> round(1e3 * environment(mount).base.displacement_std, 2)
     1.57
     """
-    import pandas as pd
-
     model = model_of(scene)
     tables, noisy = model.acceleration_tables, noise_on_base_alone(model)
     breakpoints = None
     if noisy and len(tables) == 1:
-        breakpoints = pd.DataFrame(
+        breakpoints = frame_of(
             {"frequency_hz": tables[0].frequency_hz, "base_density": tables[0].density}
         )
     return Environment(
@@ -182,14 +177,12 @@ def _base_motion(tables: Sequence[Table]) -> BaseMotion:
     )
 
 
-def _spectra(model: Model) -> pd.DataFrame:
-    import pandas as pd
-
+def _spectra(model: Model) -> DataFrame:
     f = frequencies(model)
     base = input_density(model, f)
     passed = transmissibility(model, f)
     displacement = squared_gain(f, model.omega, model.damping_rate) * base
-    return pd.DataFrame(
+    return frame_of(
         {
             "frequency_hz": f,
             "base_density": base,
@@ -437,19 +430,15 @@ class Screening(Result):
         sines = self.only.sines
         return 2.0 * _rate(clearance, self.displacement_std, self.velocity_std, sines)
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """A table for people: a row per coordinate and point (millimetres and g unless other units
         are shown; thousandths of a radian, and rad/s^2, of a rotation), or the numbers of the only
         one in rows."""
-        import pandas as pd
-
         if len(self.coordinates) == 1:
             return self._only_in_rows()
-        return pd.DataFrame([self._row(name, each) for name, each in self.coordinates.items()])
+        return frame_of(self._row(name, each) for name, each in self.coordinates.items())
 
-    def _only_in_rows(self) -> pd.DataFrame:
-        import pandas as pd
-
+    def _only_in_rows(self) -> DataFrame:
         sigma = self.displacement_std
         rate = HOURLY(self.rice_rate(3.0 * sigma))
         rows = [
@@ -471,7 +460,7 @@ class Screening(Result):
             ("impacts on it by Rice, both sides", rate, f"per {HOURLY.time}"),
         ]
         known = [row for row in rows if row[1] is not None]
-        return pd.DataFrame(known, columns=["quantity", "value", "unit"])
+        return frame_of(known, columns=["quantity", "value", "unit"])
 
     def _row(self, name: str, each: CoordinateScreening) -> dict[str, str | float | None]:
         shown = MILLIRADIANS, shown_as("rad/s"), shown_as("rad/s^2")
@@ -489,25 +478,21 @@ class Screening(Result):
             "zero up-crossings (Hz)": each.zero_crossing_rate,
         }
 
-    def gaps_to_frame(self) -> pd.DataFrame:
+    def gaps_to_frame(self) -> DataFrame:
         """A row per pair: millimetres, and impacts per hour by Rice, unless other units are
         shown."""
-        import pandas as pd
-
-        return pd.DataFrame(
-            [
-                {
-                    "pair": name,
-                    f"gap rms ({LENGTH})": LENGTH(gap.displacement_std),
-                    f"3 sigma ({LENGTH})": LENGTH(gap.three_sigma),
-                    f"impacts on it per {HOURLY.time}": HOURLY(gap.three_sigma_rate),
-                    f"its stops ({LENGTH})": " and ".join(
-                        f"{LENGTH(distance):.4g}" for distance in gap.stops.values()
-                    ),
-                    f"impacts on them per {HOURLY.time}": HOURLY(gap.rice_rate),
-                }
-                for name, gap in self.impact_pairs.items()
-            ]
+        return frame_of(
+            {
+                "pair": name,
+                f"gap rms ({LENGTH})": LENGTH(gap.displacement_std),
+                f"3 sigma ({LENGTH})": LENGTH(gap.three_sigma),
+                f"impacts on it per {HOURLY.time}": HOURLY(gap.three_sigma_rate),
+                f"its stops ({LENGTH})": " and ".join(
+                    f"{LENGTH(distance):.4g}" for distance in gap.stops.values()
+                ),
+                f"impacts on them per {HOURLY.time}": HOURLY(gap.rice_rate),
+            }
+            for name, gap in self.impact_pairs.items()
         )
 
     def summary(self) -> str:
@@ -743,7 +728,7 @@ def clearance_notes(linear: Screening, clearances: ArrayLike) -> tuple[str, ...]
     return (*linear.notes, *sags)
 
 
-def unseen_notes(curve: pd.DataFrame) -> tuple[str, ...]:
+def unseen_notes(curve: DataFrame) -> tuple[str, ...]:
     """A sentence for each row of a `clearance_curve` whose impacts were too rare to be counted.
 
     Examples
@@ -776,7 +761,7 @@ def _rows(linear: Screening, clearances: ArrayLike) -> Matrix:
 @sampled(rel_error=0.02)
 def clearance_curve(
     scene: Scene, clearances: Sequence[float] | Matrix, **options: Unpack[AccuracyOptions]
-) -> pd.DataFrame:
+) -> DataFrame:
     """Impact rate against clearance: by Rice, by the moment closure, and by Monte Carlo.
 
     Parameters
@@ -818,8 +803,6 @@ def clearance_curve(
     >>> table["clearance"].tolist()
     [0.002, 0.003]
     """
-    import pandas as pd
-
     if not scene.impact_pairs:
         raise NotApplicable("clearance_curve", ["the scene needs an impact_pair, for its law"])
     places = np.asarray(clearances, dtype=float)
@@ -845,7 +828,7 @@ def clearance_curve(
             short.append(case.words)
         if simulated is not None:
             rows += case.rows(simulated, closure)
-    curve = pd.DataFrame(rows)
+    curve = frame_of(rows)
     if short:
         raise run.deadline.fell_short(
             f"before the impacts at {', '.join(short)} were known to a relative error of "
@@ -912,39 +895,31 @@ def _simulated(found: Response, pair: str) -> dict[str, float | str]:
     }
 
 
-def predicted_rates(
-    scene: Scene, clearances: ArrayLike, deadline: Deadline = NEVER
-) -> pd.DataFrame:
+def predicted_rates(scene: Scene, clearances: ArrayLike, deadline: Deadline = NEVER) -> DataFrame:
     """The columns of `clearance_curve` that need no simulation.
 
     Where the closure finds no solution, or is not begun by the deadline, its rate is left out
     (NaN).
     """
-    import pandas as pd
-
     linear = screened(scene)
-    return pd.DataFrame(
-        [
-            row
-            for place in _rows(linear, clearances)
-            for row in _predicted(
-                linear,
-                place,
-                {} if deadline.passed() else _closure_rates(at_clearances(scene, place), deadline),
-            )
-        ]
+    return frame_of(
+        row
+        for place in _rows(linear, clearances)
+        for row in _predicted(
+            linear,
+            place,
+            {} if deadline.passed() else _closure_rates(at_clearances(scene, place), deadline),
+        )
     )
 
 
-def predicted_curve(scene: Scene, curve: pd.DataFrame) -> pd.DataFrame:
+def predicted_curve(scene: Scene, curve: DataFrame) -> DataFrame:
     """The columns of `predicted_rates` at many clearances in the range of a `clearance_curve`.
 
     The closure is interpolated between the rates of the curve: the logarithm of the rate over the
     square of the clearance, a straight line for a Gaussian motion. Solving it anew at each place
     would take seconds after the budget of the curve is spent.
     """
-    import pandas as pd
-
     linear, pairs = screened(scene), curve.get("pair")
     parts = {name: curve if pairs is None else curve[pairs == name] for name in linear.impact_pairs}
     places = {
@@ -952,18 +927,16 @@ def predicted_curve(scene: Scene, curve: pd.DataFrame) -> pd.DataFrame:
         for name, part in parts.items()
     }
     closures = {name: _between(part, places[name]) for name, part in parts.items()}
-    return pd.DataFrame(
-        [
-            row
-            for number, place in enumerate(np.transpose([*places.values()]))
-            for row in _predicted(
-                linear, place, {name: float(rates[number]) for name, rates in closures.items()}
-            )
-        ]
+    return frame_of(
+        row
+        for number, place in enumerate(np.transpose([*places.values()]))
+        for row in _predicted(
+            linear, place, {name: float(rates[number]) for name, rates in closures.items()}
+        )
     )
 
 
-def _between(curve: pd.DataFrame, places: Vector) -> Vector:
+def _between(curve: DataFrame, places: Vector) -> Vector:
     """Rates of the closure of one pair between the clearances of a curve; NaN beyond them."""
     known = curve[curve["closure"] > 0.0].sort_values("clearance")
     if len(known) < 2:

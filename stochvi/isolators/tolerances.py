@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -18,16 +18,13 @@ from stochvi.mathematics.units import power_ratio, with_checks
 from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import Model, model_of
+from stochvi.results.base import DataFrame, frame_of
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.scenes.impact_laws import Law, Restitution
 from stochvi.scenes.phases import changed_mount
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody
 from stochvi.scenes.validation import BetweenUnits, varied
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # ------------------------------------------------------------------------------
 # Changes of a scene within the tolerances of its mount, its level and its stops.
@@ -779,7 +776,7 @@ def tolerance_table(
     harm: float = 1.0,
     common: Sequence[int] = (),
     deadline: Deadline = NEVER,
-) -> tuple[pd.DataFrame, dict[str, str]]:
+) -> tuple[DataFrame, dict[str, str]]:
     """The table that `Sizing.tolerances` describes, and `Sizing.worst_at`.
 
     Parameters
@@ -791,8 +788,6 @@ def tolerance_table(
     probability
         Probability of any impact there.
     """
-    import pandas as pd
-
     region = Region(scene, tolerances)
     names = [pair.name for pair in model_of(scene).pairs]
     same = SameRisk(nominal=region.nominal, stops=stops, harm=harm, common=common)
@@ -822,7 +817,7 @@ def tolerance_table(
         ]
         places = {names[k]: worded(worst[k][1]) for k in sized}
         rows.append(row(WORST, np.array([each[0] for each in worst])))
-    return pd.DataFrame(rows), places
+    return frame_of(rows), places
 
 
 def _hazard(nominal: Gaps, changed: Gaps, stops: Matrix, probability: float) -> float:

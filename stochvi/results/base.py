@@ -42,8 +42,12 @@ from stochvi.results.estimates import (
 from stochvi.results.plots import densities_of, drawn
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
+    from pandas import DataFrame as DataFrame
+else:
+
+    class DataFrame:
+        """`pandas.DataFrame`, in annotations: the first table that is made imports pandas."""
 
 
 # ------------------------------------------------------------------------------
@@ -196,11 +200,10 @@ def with_unit(name: str, unit: str) -> str:
     return f"{name}_{suffix}" if suffix else name
 
 
-def named_with_units(table: pd.DataFrame) -> pd.DataFrame:
+def named_with_units(table: DataFrame) -> DataFrame:
     """A table in SI units with the units of its columns in their names.
 
-    >>> import pandas as pd
-    >>> list(named_with_units(pd.DataFrame(columns=["clearance", "hit_rate_low", "note"])))
+    >>> list(named_with_units(frame_of([], ["clearance", "hit_rate_low", "note"])))
     ['clearance_m', 'hit_rate_per_s_low', 'note']
     """
     return table.rename(columns={str(name): _named(str(name)) for name in table})
@@ -233,7 +236,7 @@ def _named(column: str) -> str:
     return column if unit is None else with_unit(name, unit) + ending
 
 
-def in_chosen_units(table: pd.DataFrame, units: Mapping[str, str] = {}) -> pd.DataFrame:
+def in_chosen_units(table: DataFrame, units: Mapping[str, str] = {}) -> DataFrame:
     """A table of SI numbers in the units that a reader has chosen; without a choice, as it is.
 
     `units` are SI units of columns whose name does not tell.
@@ -242,10 +245,9 @@ def in_chosen_units(table: pd.DataFrame, units: Mapping[str, str] = {}) -> pd.Da
     quantity is chosen. Its name, or the `unit` of the row, then states that unit. All others stay
     in SI units.
 
-    >>> import pandas as pd
     >>> from stochvi.mathematics.units import shown_in, units_of
     >>> with shown_in(units_of("mm")):
-    ...     in_chosen_units(pd.DataFrame({"clearance": [0.004], "time_s": [1.0]}))
+    ...     in_chosen_units(frame_of({"clearance": [0.004], "time_s": [1.0]}))
        clearance_mm  time_s
     0           4.0     1.0
     """
@@ -290,6 +292,32 @@ def _suffix(unit: str) -> str:
 # ------------------------------------------------------------------------------
 # The base of every answer: its JSON document, its table and its page for notebooks.
 # ------------------------------------------------------------------------------
+
+
+def frame_of(table: Any = (), columns: list[str] | None = None) -> DataFrame:
+    """The table of columns by name, or of rows: mappings, named tuples, or dataclasses whose fields
+    are the columns. It alone, and `stacked`, make tables.
+
+    >>> frame_of([{"clearance": 0.004, "hit_rate": 2.0}]).columns.tolist()
+    ['clearance', 'hit_rate']
+    """
+    import pandas as pd
+
+    if not isinstance(table, Mapping):
+        table = [vars(row) if is_dataclass(row) else row for row in table]
+    return pd.DataFrame(table, columns=columns)
+
+
+def stacked(tables: Iterable[Any], columns: list[str] | None = None) -> DataFrame:
+    """Tables, or columns by name, below one another as one table; empty without any.
+
+    >>> stacked([{"of": "x", "speed": [1.0, 2.0]}, {"of": "y", "speed": [3.0]}])["of"].tolist()
+    ['x', 'x', 'y']
+    """
+    import pandas as pd
+
+    found = [frame_of(each) if isinstance(each, Mapping) else each for each in tables]
+    return pd.concat(found, ignore_index=True) if found else frame_of(columns=columns)
 
 
 MOST_NAMES = 12
@@ -435,11 +463,11 @@ class Result:
         """The answer in a sentence; by default the name of the method."""
         return str(getattr(self, "method", type(self).__name__))
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """The answer as a tidy table."""
         raise NotImplementedError(f"{type(self).__name__} has no table")
 
-    def in_units(self, units: str) -> pd.DataFrame:
+    def in_units(self, units: str) -> DataFrame:
         """The table of the answer in units of one's choice.
 
         Parameters
@@ -509,7 +537,7 @@ class Result:
         table = self._shown().to_html(index=False, max_rows=MOST_ROWS)
         return f"<b>{html.escape(self.summary(), quote=False)}</b>{table}{remarks}"
 
-    def _shown(self) -> pd.DataFrame:
+    def _shown(self) -> DataFrame:
         """The table that a notebook shows."""
         return self.to_frame()
 
@@ -842,11 +870,9 @@ class Response(Result):
             impact_pairs={owner: record(each) for owner, each in self.impact_pairs.items()},
         )
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """A tidy table, one row per quantity."""
-        import pandas as pd
-
-        rows = [
+        return frame_of(
             {
                 "method": self.method,
                 "of": owner,
@@ -856,8 +882,7 @@ class Response(Result):
                 "bias_error": estimate.bias_error,
             }
             for (owner, name), estimate in self.estimates().items()
-        ]
-        return pd.DataFrame(rows)
+        )
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> Self:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,16 +17,13 @@ from stochvi.methods.closed_form import displacement_density, exact, unmet
 from stochvi.methods.monte_carlo import record_path
 from stochvi.methods.monte_carlo.choose_plan import HistoryPlan, plan_histories
 from stochvi.model.model import Model, Pair, model_of
-from stochvi.results.base import Response
+from stochvi.results.base import DataFrame, Response, frame_of
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import NotApplicable, SceneError
 from stochvi.results.estimates import GAUSSIAN_95, Estimate
 from stochvi.sampling.calculations import ListSampler, RunOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene, scene_from
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 # ------------------------------------------------------------------------------
 # Histograms of samples, normalised to a probability density.
@@ -134,11 +131,11 @@ class Overview:
     displacement: SampledDensity
     velocity: SampledDensity
     velocity_rms: float
-    exact_displacement: pd.DataFrame | None
+    exact_displacement: DataFrame | None
     exact_velocity_std: float | None
     mean_without_stops: float
     std_without_stops: float | None
-    record: pd.DataFrame
+    record: DataFrame
 
 
 def overview(scene: Scene, settings: OverviewSettings = DEFAULTS) -> Overview:
@@ -163,8 +160,6 @@ def overview(scene: Scene, settings: OverviewSettings = DEFAULTS) -> Overview:
     >>> round(found.std_without_stops, 6), round(found.exact_velocity_std, 6)
     (1.0, 1.0)
     """
-    import pandas as pd
-
     model = model_of(scene)
     period = 2.0 * math.pi / model.omega
     path = record_path(scene, duration=settings.density_periods * period, seed=1)
@@ -175,7 +170,7 @@ def overview(scene: Scene, settings: OverviewSettings = DEFAULTS) -> Overview:
     if not unmet(model_of(scene)):
         grid = np.linspace(x.min(), x.max(), settings.curve_points)
         values = displacement_density(scene, grid)
-        density = pd.DataFrame({"displacement": grid, "density": values})
+        density = frame_of({"displacement": grid, "density": values})
         velocity_std = exact(scene).estimates()["x", "velocity_std"].value
     linear = None
     if not unmet(model_of(without_stops)):
@@ -194,7 +189,7 @@ def overview(scene: Scene, settings: OverviewSettings = DEFAULTS) -> Overview:
     )
 
 
-def _stretch_with_impacts(scene: Scene, period: float, settings: OverviewSettings) -> pd.DataFrame:
+def _stretch_with_impacts(scene: Scene, period: float, settings: OverviewSettings) -> DataFrame:
     """Some periods of a finely stepped record, from shortly before an impact if there is one."""
     searched = settings.searched_periods * period
     shown = settings.record_periods * period

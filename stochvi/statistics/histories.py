@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,17 +25,13 @@ from stochvi.methods.monte_carlo.choose_plan import (
 from stochvi.methods.monte_carlo.plan import Histories, Plan
 from stochvi.methods.monte_carlo.white import WhitePlan
 from stochvi.model.model import Model, Pair
-from stochvi.results.base import ROTATIONS, Quantities, Result, stated
+from stochvi.results.base import ROTATIONS, DataFrame, Quantities, Result, frame_of, stacked, stated
 from stochvi.results.errors import MOST_NUMBERS, NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.sampling.calculations import calculation, check_options
 from stochvi.scenes.excitations import BASE
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # ------------------------------------------------------------------------------
 # Absolute accelerations of simulated records, from the forces that act.
@@ -315,8 +311,8 @@ class History(Result):
 
     not_in_document = ("samples", "impacts")
 
-    samples: pd.DataFrame
-    impacts: pd.DataFrame
+    samples: DataFrame
+    impacts: DataFrame
     coordinates: Mapping[str, CoordinateHistory]
     impact_pairs: Mapping[str, PairHistory]
     scheme: str
@@ -327,7 +323,7 @@ class History(Result):
     meanings: Mapping[str, str]
     assumptions: Sequence[str] = ()
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """The table of samples."""
         return self.samples
 
@@ -435,9 +431,7 @@ def history(
     columns, meanings = _columns(scene, model, source, found, seed, path, kept)
     impacts = _impacts(planned, source, found, logged, duration)
     made = {"time_s": source.step * np.arange(count)[kept]} | columns
-    import pandas as pd
-
-    samples = pd.DataFrame(made)
+    samples = frame_of(made)
     interval = stride * source.step
     return History(
         samples=samples,
@@ -591,12 +585,10 @@ def _impacts(
     found: Histories,
     logged: Mapping[str, ImpactLog],
     duration: float,
-) -> pd.DataFrame:
+) -> DataFrame:
     """A row for each impact within the history."""
-    import pandas as pd
-
     start = (plan.settling + 1) * plan.step  # where the first sample stands in the logs
-    rows = [pd.DataFrame({name: [] for name in IMPACT_COLUMNS})]
+    rows = [frame_of({name: [] for name in IMPACT_COLUMNS})]
     for pair, contact in zip(plan.model.pairs, _contact_times(planned), strict=True):
         log = logged[pair.name]
         when = log.time - start
@@ -617,9 +609,9 @@ def _impacts(
                 peak[met] = np.nan
         sides = np.where(speed > 0.0, "upper", "lower")
         columns = (when, pair.name, sides, np.abs(speed), impulse, peak)
-        rows.append(pd.DataFrame(dict(zip(IMPACT_COLUMNS, columns, strict=True))))
+        rows.append(frame_of(dict(zip(IMPACT_COLUMNS, columns, strict=True))))
     filled = [table for table in rows if len(table)] or rows[:1]
-    return pd.concat(filled, ignore_index=True).sort_values("time_s", ignore_index=True)
+    return stacked(filled).sort_values("time_s")
 
 
 def _contacts(when: Vector, step: float, force: Vector) -> tuple[Vector, Vector]:
@@ -648,7 +640,7 @@ def _contact_times(planned: HistoryPlan) -> list[float]:
     ]
 
 
-def _motions(model: Model, samples: pd.DataFrame) -> dict[str, CoordinateHistory]:
+def _motions(model: Model, samples: DataFrame) -> dict[str, CoordinateHistory]:
     found = {}
     for name in model.outputs:
         before = _before(name, model.outputs)
@@ -666,7 +658,7 @@ def _motions(model: Model, samples: pd.DataFrame) -> dict[str, CoordinateHistory
     return found
 
 
-def _hits(model: Model, impacts: pd.DataFrame) -> dict[str, PairHistory]:
+def _hits(model: Model, impacts: DataFrame) -> dict[str, PairHistory]:
     found = {}
     for pair in model.pairs:
         own = impacts[impacts["pair"] == pair.name]

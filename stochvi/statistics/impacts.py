@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Unpack
+from typing import Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 import scipy
@@ -32,7 +32,17 @@ from stochvi.methods.monte_carlo.simulation import check_threshold
 from stochvi.model.coverage import beyond_one_oscillator, free_motion
 from stochvi.model.modal import linear_law
 from stochvi.model.model import UPPER, Model, Pair, model_of
-from stochvi.results.base import Named, Result, Stated, in_chosen_units, quantities_of, stated
+from stochvi.results.base import (
+    DataFrame,
+    Named,
+    Result,
+    Stated,
+    frame_of,
+    in_chosen_units,
+    quantities_of,
+    stacked,
+    stated,
+)
 from stochvi.results.deadline import Deadline, partial_result
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import (
@@ -54,10 +64,6 @@ from stochvi.sampling.calculations import ListSampler, SamplingOptions, calculat
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossings import first_crossings, listed_under_first
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # ------------------------------------------------------------------------------
 # Tallies of the impacts of each path, and estimates from independent paths.
@@ -443,10 +449,8 @@ class ImpactStatistics(Result):
         """The fields of each pair, and its rates as a `Response` names them."""
         return {name: Named({**vars(pair), **_rates(pair)}) for name, pair in self.pairs.items()}
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """A tidy table of all numbers: one row per pair and quantity."""
-        import pandas as pd
-
         columns = [
             "of",
             "quantity",
@@ -458,14 +462,12 @@ class ImpactStatistics(Result):
             "by",
             "unit",
         ]
-        rows = [row for name, pair in self.pairs.items() for row in _rows(name, pair)]
-        return pd.DataFrame(rows).reindex(columns=columns)
+        rows = (row for name, pair in self.pairs.items() for row in _rows(name, pair))
+        return frame_of(rows).reindex(columns=columns)
 
-    def to_table(self) -> pd.DataFrame:
+    def to_table(self) -> DataFrame:
         """The same table for reading, in the units that are shown: numbers with their errors in
         words."""
-        import pandas as pd
-
         table = in_chosen_units(self.to_frame())
 
         def spoken(row: Any) -> dict[str, str]:
@@ -481,30 +483,25 @@ class ImpactStatistics(Result):
                 "unit": row["unit"],
             }
 
-        return pd.DataFrame([spoken(row) for _, row in table.iterrows()])
+        return frame_of(spoken(row) for _, row in table.iterrows())
 
-    def histograms(self) -> pd.DataFrame:
+    def histograms(self) -> DataFrame:
         """One row per pair, histogram ("speed" in m/s, "interval" in s) and bin."""
-        import pandas as pd
-
-        parts = [
-            pd.DataFrame(
-                {
-                    "of": name,
-                    "histogram": kind,
-                    "low": found.edges[:-1],
-                    "high": found.edges[1:],
-                    "density": found.density,
-                    "standard_error": found.standard_error,
-                }
-            )
+        return stacked(
+            {
+                "of": name,
+                "histogram": kind,
+                "low": found.edges[:-1],
+                "high": found.edges[1:],
+                "density": found.density,
+                "standard_error": found.standard_error,
+            }
             for name, pair in self.pairs.items()
             for kind, found in (("speed", pair.speeds), ("interval", pair.intervals))
             if found is not None
-        ]
-        return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
+        )
 
-    def _shown(self) -> pd.DataFrame:
+    def _shown(self) -> DataFrame:
         return self.to_table()
 
     def summary(self) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,17 +30,13 @@ from stochvi.methods.periodic.attracted import (
 from stochvi.methods.periodic.family import States
 from stochvi.model.coverage import not_gaussian
 from stochvi.model.model import model_of
-from stochvi.results.base import Result
+from stochvi.results.base import DataFrame, Result, frame_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import GAUSSIAN_95, binomial_interval, poisson_interval, provenance
 from stochvi.sampling.calculations import AccuracyOptions, Sampler, calculation
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # ------------------------------------------------------------------------------
 # Mean life of paths that are looked at now and then, of which some outlive the last look.
@@ -266,10 +262,8 @@ class LifeTimes(Result):
     outside: float
     assumptions: Sequence[str] = ()
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """One row for each regime and each destination; one for a regime that no path left."""
-        import pandas as pd
-
         rows = []
         for each in self.regimes:
             row = {
@@ -292,7 +286,7 @@ class LifeTimes(Result):
                 )
             if not each.destinations:
                 rows.append(row | {"to": "", "share": math.nan})
-        return pd.DataFrame(rows)
+        return frame_of(rows)
 
     def summary(self) -> str:
         """How long each regime lasts, in a sentence."""

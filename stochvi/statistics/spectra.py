@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, Unpack
+from typing import Any, Literal, Unpack
 
 import numpy as np
 import scipy
@@ -19,7 +19,7 @@ from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.methods.monte_carlo.choose_plan import HistoryPlan, check_price, plan_histories
 from stochvi.methods.monte_carlo.plan import Histories, gap_of
 from stochvi.model.model import FunctionOfMotion, Model, Pair
-from stochvi.results.base import Result, in_angles, in_chosen_units
+from stochvi.results.base import DataFrame, Result, frame_of, in_angles, in_chosen_units, stacked
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import (
@@ -34,10 +34,6 @@ from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.excitations import BASE
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # ------------------------------------------------------------------------------
 # Records cut into tapered segments and transformed; their products, averaged over paths.
@@ -378,36 +374,17 @@ class ResponseSpectrum(Result):
             for curves in self.curves.values()
         )
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """A tidy table: one row per owner, quantity and frequency."""
-        import pandas as pd
-
-        return pd.concat(
-            [
-                pd.DataFrame(
-                    {
-                        "of": owner,
-                        "quantity": name,
-                        "frequency_hz": curve.frequency_hz,
-                        "value": curve.value,
-                        "standard_error": curve.standard_error,
-                        "bias": curve.bias,
-                        "lower": curve.lower,
-                        "upper": curve.upper,
-                        "unit": in_angles(owner, UNITS[name]),
-                    }
-                )
-                for owner, curves in self.curves.items()
-                for name, curve in curves.items()
-            ],
-            ignore_index=True,
+        return stacked(
+            {"of": owner, "quantity": name, **vars(curve), "unit": in_angles(owner, UNITS[name])}
+            for owner, curves in self.curves.items()
+            for name, curve in curves.items()
         )
 
-    def peaks(self) -> pd.DataFrame:
+    def peaks(self) -> DataFrame:
         """A short table for reading: the largest value of each density, with its frequency and
         band, in the units that are shown."""
-        import pandas as pd
-
         rows = []
         for owner, curves in self.curves.items():
             for name, curve in curves.items():
@@ -423,9 +400,9 @@ class ResponseSpectrum(Result):
                         "unit": in_angles(owner, UNITS[name]),
                     }
                 )
-        return in_chosen_units(pd.DataFrame(rows))
+        return in_chosen_units(frame_of(rows))
 
-    def _shown(self) -> pd.DataFrame:
+    def _shown(self) -> DataFrame:
         return self.peaks()
 
     def _document(self) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Unpack
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +18,12 @@ from stochvi.methods.monte_carlo.modal import Aloft, ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.model.coverage import functions_of_arrays, growth, linear_system
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import Result
+from stochvi.results.base import DataFrame, Result, frame_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, provenance
 from stochvi.sampling.calculations import AccuracyOptions, Sampler, calculation
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 BETWEEN_NORMS = 64
 """Number of steps after which the motion of a path is scaled to the norm 1: a multiple of 4, as
@@ -96,16 +93,12 @@ class Stability(Result):
         }
         return {name: each for name, each in found.items() if each is not None}
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """One row per rate."""
-        import pandas as pd
-
-        return pd.DataFrame(
-            [
+        return frame_of(
                 {"quantity": name, "value": each.value, "unit": "1/s",
                  "standard_error": each.standard_error, "bias": each.bias, "how": each.how}
                 for name, each in self.rates.items()
-            ]
         )  # fmt: skip
 
 

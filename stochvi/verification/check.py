@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from stochvi.methods.monte_carlo.modal_tables import seconds_of_plan
 from stochvi.methods.monte_carlo.simulation import LEAST_PILOT_SECONDS
 from stochvi.model.coverage import NaturalMode, RestingGap, at_rest, natural_modes, scene_notes
 from stochvi.model.model import model_of
-from stochvi.results.base import COMMON, Response, Result, total_cost, unit_of
+from stochvi.results.base import COMMON, DataFrame, Response, Result, frame_of, total_cost, unit_of
 from stochvi.results.deadline import Deadline, Progress, ended_by, graceful_interrupt
 from stochvi.results.errors import Interrupted, NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import (
@@ -40,9 +40,6 @@ from stochvi.sampling.calculations import calculation, check_options
 from stochvi.scenes.datasets import zoo_files
 from stochvi.scenes.excitations import BASE, RecordedNoise, TabulatedNoise
 from stochvi.scenes.scene import Scene, load_scene
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 FAMILY_ALARM_RATE = 0.003
 """Probability that a check raises any alarm although all methods are right."""
@@ -174,11 +171,9 @@ class Check(Result):
             )
         return f"{len(judged)} comparisons ({balances} of them balances) agree {within}"
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """One row per comparison."""
-        import pandas as pd
-
-        return pd.DataFrame([vars(row) for row in self.comparisons])
+        return frame_of(self.comparisons)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -660,25 +655,19 @@ class Checks(Result):
             f"{100.0 * FAMILY_ALARM_RATE:g} %)"
         )
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """One row per comparison of every scene."""
-        import pandas as pd
-
-        return pd.DataFrame(
-            [
-                {"scene": name, **vars(row)}
-                for name, verdict in self.checks.items()
-                for row in verdict.comparisons
-            ]
+        return frame_of(
+            {"scene": name, **vars(row)}
+            for name, verdict in self.checks.items()
+            for row in verdict.comparisons
         )
 
-    def overview(self) -> pd.DataFrame:
+    def overview(self) -> DataFrame:
         """One row per scene: the methods, the numbers of comparisons, the largest score."""
-        import pandas as pd
+        return frame_of(_line(name, verdict) for name, verdict in self.checks.items())
 
-        return pd.DataFrame([_line(name, verdict) for name, verdict in self.checks.items()])
-
-    def _shown(self) -> pd.DataFrame:
+    def _shown(self) -> DataFrame:
         return self.overview()
 
     @property
@@ -904,12 +893,10 @@ class Explanation(Result):
         """Whether `simulate` covers the scene."""
         return self.methods["simulate"] == APPLIES
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """One row per method: whether it applies, or the conditions that the scene does not
         meet."""
-        import pandas as pd
-
-        return pd.DataFrame(
+        return frame_of(
             {
                 "method": list(self.methods),
                 "applies": [found == APPLIES for found in self.methods.values()],

@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Unpack
+from typing import ClassVar, Unpack
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from stochvi.methods.monte_carlo.plan import (
 from stochvi.methods.monte_carlo.simulation import FEWEST_PATHS
 from stochvi.methods.monte_carlo.white import LARGEST_ANGLE
 from stochvi.model.model import model_of
-from stochvi.results.base import Response, Result
+from stochvi.results.base import DataFrame, Response, Result, frame_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, provenance
@@ -44,9 +44,6 @@ from stochvi.verification.check import (
     counts_others,
     threshold_of,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 FACTORS = (2.0, 1.0, 0.5)
 """Steps at which the same paths are simulated, in units of the step that `simulate` takes."""
@@ -307,19 +304,17 @@ class WorkPrecision(Result):
             f"; {quantity} of {of} takes longest, its standard error here is {100.0 * error:.2g} %"
         )
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """One row per step and quantity, then one per model and quantity; errors are relative.
 
         Statistical error, bias of the step and error of a model are columns of their own.
         """
-        import pandas as pd
-
         rows = [
             {"method": "simulate", **vars(row)}
             | {f"cpu_seconds_{target:g}": row.seconds(target) for target in TARGETS}
             for row in self.errors
         ]
-        return pd.DataFrame([*rows, *(vars(row) for row in self.models)])
+        return frame_of([*rows, *self.models])
 
     @property
     def predictions(self) -> Mapping[str, list[Prediction]]:

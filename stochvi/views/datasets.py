@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stochvi.mathematics.units import ShownQuantity, readable, shown_as
-from stochvi.results.base import RESPONSE_QUANTITIES, with_unit
+from stochvi.results.base import RESPONSE_QUANTITIES, DataFrame, with_unit
 from stochvi.results.estimates import BIAS, BIAS_ERROR, ERROR, GAUSSIAN_95, LIMIT, Estimate
 from stochvi.scenes.keys import KEY_UNITS
 from stochvi.views.axes import axes_or_new
@@ -107,12 +107,12 @@ UNIT_ENDINGS = ("_hz", "_db", "_kmh")
 """Endings of keys that state their unit themselves."""
 
 
-def quantities(table: pd.DataFrame) -> list[str]:
+def quantities(table: DataFrame) -> list[str]:
     """Columns of a table that are quantities, in its order."""
     return [str(name) for name in table if f"{name}.{ERROR}" in table]
 
 
-def terminal_table(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
+def terminal_table(table: DataFrame, keys: Sequence[str]) -> DataFrame:
     """The table as a terminal shows it: keys, and main quantities with standard errors."""
 
     import pandas as pd
@@ -136,7 +136,7 @@ def terminal_table(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
     return found
 
 
-def sweep_told(table: pd.DataFrame, keys: Sequence[str], method: str) -> Told:
+def sweep_told(table: DataFrame, keys: Sequence[str], method: str) -> Told:
     """The table as a terminal shows it, and what its notation means."""
     notes = [LAST_DIGITS] if method == "simulate" else []
     notes += [NEVER_SEEN] if unseen(table).any() else []
@@ -144,24 +144,24 @@ def sweep_told(table: pd.DataFrame, keys: Sequence[str], method: str) -> Told:
     return Told(sections=[Section(grids=[grid], notes=notes)])
 
 
-def unseen(table: pd.DataFrame) -> pd.Series:
+def unseen(table: DataFrame) -> pd.Series:
     """For each row, whether an event was never seen, so that only an upper limit is known."""
     limits = [name for name in table if str(name).endswith(f".{LIMIT}")]
     return table[limits].notna().any(axis=1)
 
 
-def _shown(table: pd.DataFrame, unit: str) -> ShownQuantity:
+def _shown(table: DataFrame, unit: str) -> ShownQuantity:
     """A unit as the method of a table shows it: responses are in SI units, answers on gaps in mm
     and g."""
     on_gaps = any(each.rsplit(".", 1)[1] in SUMMARY_UNITS for each in quantities(table))
     return readable(unit) if on_gaps else shown_as(unit)
 
 
-def _quantity(table: pd.DataFrame, name: str) -> ShownQuantity:
+def _quantity(table: DataFrame, name: str) -> ShownQuantity:
     return _shown(table, UNITS.get(name.rsplit(".", 1)[1], "1"))
 
 
-def _named(table: pd.DataFrame, quantity: str) -> str:
+def _named(table: DataFrame, quantity: str) -> str:
     """The name of a quantity with its unit, and with its owner where there are several owners."""
     owner, name = quantity.rsplit(".", 1)
     several = sum(other.endswith(f".{name}") for other in quantities(table)) > 1
@@ -171,7 +171,7 @@ def _named(table: pd.DataFrame, quantity: str) -> str:
     return f"{whose}{words}" if unit == "1" else f"{whose}{words} ({unit})"
 
 
-def changes(table: pd.DataFrame, quantity: str) -> bool:
+def changes(table: DataFrame, quantity: str) -> bool:
     """Whether a quantity differs between rows by more than rounding."""
     owner, name = quantity.rsplit(".", 1)
     deviation = f"{owner}.{name.removesuffix('_mean')}_std"
@@ -180,7 +180,7 @@ def changes(table: pd.DataFrame, quantity: str) -> bool:
 
 
 def draw_sweep(
-    table: pd.DataFrame, keys: Sequence[str], quantity: str, title: str = "", ax: Axes | None = None
+    table: DataFrame, keys: Sequence[str], quantity: str, title: str = "", ax: Axes | None = None
 ) -> Axes:
     """Draw a quantity against the first key, with one line for each combination of the others.
 
@@ -239,7 +239,7 @@ def _span(values: pd.Series) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def _title(table: pd.DataFrame, drawn: Sequence[str], title: str) -> str:
+def _title(table: DataFrame, drawn: Sequence[str], title: str) -> str:
     """The title of a sweep, its method, and what bars mean where there are any."""
     how = ", ".join(dict.fromkeys(table["method"]))
     if any((table[f"{quantity}.{ERROR}"] > 0.0).any() for quantity in drawn):
@@ -259,7 +259,7 @@ def unit_of_key(key: str) -> str | None:
     return "m/s" if name == "speed_threshold" else KEY_UNITS.get(name)
 
 
-def draw_sheet(table: pd.DataFrame, keys: Sequence[str], title: str = "") -> Axes:
+def draw_sheet(table: DataFrame, keys: Sequence[str], title: str = "") -> Axes:
     """The quantities that matter most and that change, each in a small picture of one sheet."""
     import matplotlib.pyplot as plt
 
@@ -295,16 +295,14 @@ def _last(key: str) -> str:
     return ".".join(words[-2:])
 
 
-def write_sweep_table(table: pd.DataFrame, keys: Sequence[str], folder: Path) -> pd.DataFrame:
+def write_sweep_table(table: DataFrame, keys: Sequence[str], folder: Path) -> DataFrame:
     """Write `sweep.csv`, and return the table with units in the names of its columns."""
     written = with_units(table, keys)
     write_table(written, folder / "sweep.csv")
     return written
 
 
-def write_sweep(
-    table: pd.DataFrame, keys: Sequence[str], folder: str | Path, title: str = ""
-) -> None:
+def write_sweep(table: DataFrame, keys: Sequence[str], folder: str | Path, title: str = "") -> None:
     """Write `sweep.csv`, `sweep.parquet` where pyarrow is installed, and the contact sheet
     `sweep.png`; the units stand in the names of the columns."""
     folder = Path(folder)
@@ -321,7 +319,7 @@ ENDS = ("", *(f".{name}" for name in (ERROR, BIAS, BIAS_ERROR, LIMIT)))
 """Endings that the columns of a quantity may have behind its name."""
 
 
-def with_units(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
+def with_units(table: DataFrame, keys: Sequence[str]) -> DataFrame:
     """The table with units in the names of its columns: "stops.collision_rate_per_s", and its
     "stops.collision_rate_per_s.standard_error"; spaces, as of a pair's name, become "_"."""
     names = {
@@ -348,7 +346,7 @@ OTHER_UNITS = {"seconds": "s"}
 """Units of columns that are no quantities."""
 
 
-def to_xarray(table: pd.DataFrame, keys: Sequence[str] | None = None) -> xr.Dataset:
+def to_xarray(table: DataFrame, keys: Sequence[str] | None = None) -> xr.Dataset:
     """Return the table of a sweep as a Dataset with coordinates and units.
 
     Where the rows are all combinations of the values of the keys, each key is a dimension. Else, as
@@ -405,7 +403,7 @@ def to_xarray(table: pd.DataFrame, keys: Sequence[str] | None = None) -> xr.Data
     return found
 
 
-def _units(table: pd.DataFrame, keys: Sequence[str]) -> dict[str, str]:
+def _units(table: DataFrame, keys: Sequence[str]) -> dict[str, str]:
     """The SI units of the columns that have one."""
     found = {key: unit for key in keys if (unit := unit_of_key(key)) is not None}
     for quantity in quantities(table):

@@ -23,7 +23,7 @@ from stochvi.mathematics.units import (
     TIME,
     shown_as,
 )
-from stochvi.results.base import ROTATIONS, Response, in_angles, quantities_of
+from stochvi.results.base import ROTATIONS, DataFrame, Response, in_angles, quantities_of
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.views.axes import (
@@ -45,7 +45,6 @@ from stochvi.views.pages import Grid, Told, told_of
 from stochvi.views.tables import effects_in_words, relative_bias, value_with_error
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
 
     from stochvi.methods.fokker_planck import FirstPassage
@@ -199,7 +198,7 @@ def plot_velocity_density(found: Overview, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_record(scene: Scene, path: pd.DataFrame, ax: Axes | None = None) -> Axes:
+def plot_record(scene: Scene, path: DataFrame, ax: Axes | None = None) -> Axes:
     """A short record with its impacts marked on the stops, sized by impact speed."""
     ax = axes_or_new(ax)
     unit, name = length_unit(float(path["displacement"].abs().max()))
@@ -435,7 +434,7 @@ def _unit(found: History, panel: _Panel, largest: float) -> tuple[float, str]:
     return size, name
 
 
-def _fastest(hits: pd.DataFrame, duration: float) -> pd.DataFrame:
+def _fastest(hits: DataFrame, duration: float) -> DataFrame:
     """The impacts to mark: all of them, or the fastest in each interval where there are more than
     `MOST_MARKS`."""
     if len(hits) <= MOST_MARKS:

@@ -24,14 +24,13 @@ from rich.console import Console
 from rich.text import Text
 
 from stochvi.mathematics.numerics import Vector
-from stochvi.results.base import in_chosen_units, unit_of_column
+from stochvi.results.base import DataFrame, in_chosen_units, unit_of_column
 from stochvi.results.deadline import NEVER, Deadline, in_command
 from stochvi.results.errors import Interrupted, NotConverged, TargetError, visible
 from stochvi.results.files import write_whole
 from stochvi.scenes.text_tables import as_text
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
 
 
@@ -66,7 +65,7 @@ def matlab_name(column: str, taken: Mapping[str, Any]) -> str:
     return found
 
 
-def mat_of(frame: pd.DataFrame) -> bytes:
+def mat_of(frame: DataFrame) -> bytes:
     """A table as a file of MATLAB 5: a column of numbers as a vector, one of text as a cell array,
     under the names of the columns."""
     variables: dict[str, Any] = {}
@@ -111,7 +110,7 @@ QUANTITIES = dict(ORDINATES.values())
 """Quantity of a unit in a dataset 58."""
 
 
-def functions_of(frame: pd.DataFrame) -> Iterator[dict[str, Any]]:
+def functions_of(frame: DataFrame) -> Iterator[dict[str, Any]]:
     """The functions of time or frequency that a table holds, as datasets 58 of a UFF file.
 
     Rows of the same text are a function; the time or frequency must rise in them. A column of
@@ -162,7 +161,7 @@ def _dataset(axis: Axis, x: Vector, y: Vector, words: Sequence[str], unit: str) 
     }  # fmt: skip
 
 
-def uff_of(frame: pd.DataFrame) -> bytes | None:
+def uff_of(frame: DataFrame) -> bytes | None:
     """A table as a UFF file of datasets 58; None where it holds no function of time or
     frequency."""
     import pyuff
@@ -308,7 +307,7 @@ def folder_in(folder: Path, name: str) -> Path:
     return found
 
 
-def write_table(frame: pd.DataFrame, path: Path, units: Mapping[str, str] = {}) -> None:
+def write_table(frame: DataFrame, path: Path, units: Mapping[str, str] = {}) -> None:
     """A CSV table with all the digits of its numbers, in the units that a reader has chosen; no
     text in it is run as a formula. Other forms of the table are in SI units, and `units` are those
     of columns whose name does not tell."""
@@ -332,7 +331,7 @@ def _heeding_the_command(path: Path) -> Iterator[None]:
         raise type(reason)(told, None) from None
 
 
-def _write_table(frame: pd.DataFrame, path: Path, units: Mapping[str, str]) -> None:
+def _write_table(frame: DataFrame, path: Path, units: Mapping[str, str]) -> None:
     harmless = in_chosen_units(frame, units).copy()
     for name in harmless.select_dtypes(exclude="number").columns:
         cells = harmless[name]
@@ -386,7 +385,7 @@ def write_report_page(html: str, path: Path) -> None:
     write_bytes(pdf_of(html), path.with_suffix(".pdf"))
 
 
-def write_parquet(frame: pd.DataFrame, path: Path) -> None:
+def write_parquet(frame: DataFrame, path: Path) -> None:
     """The same table as Parquet, where pyarrow is installed."""
     if importlib.util.find_spec("pyarrow") is not None:
         memory = io.BytesIO()
@@ -459,7 +458,7 @@ def try_picture(draw: Callable[[], Axes], path: Path) -> None:
             plt.close(number)
 
 
-def write_clearance(curve: pd.DataFrame, predicted: pd.DataFrame, title: str, folder: Path) -> None:
+def write_clearance(curve: DataFrame, predicted: DataFrame, title: str, folder: Path) -> None:
     """Write the impact rate against clearance as `clearance.csv` and `clearance.png`.
 
     `curve` comes from `clearance_curve`, `predicted` from `predicted_curve`.

@@ -19,6 +19,7 @@ from stochvi.isolators.sizing.answer import (
 )
 from stochvi.isolators.tolerances import in_words
 from stochvi.mathematics.units import LENGTH, RATE, SPEED, spoken_mission
+from stochvi.results.base import DataFrame
 from stochvi.results.estimates import GAUSSIAN_95, Estimate, spoken_percent
 from stochvi.views.axes import (
     BAND_ALPHA,
@@ -63,7 +64,6 @@ from stochvi.views.tables import (
 )
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
 
     from stochvi.isolators.jolt_response import Jolts
@@ -105,7 +105,7 @@ def worst_case_section(sizing: Sizing) -> Section:
     )
 
 
-def sensitivity_section(table: pd.DataFrame | None) -> Section:
+def sensitivity_section(table: DataFrame | None) -> Section:
     """The changed scenes of `sensitivity`; empty without them."""
     return _changes_section(
         "Sensitivity",
@@ -116,7 +116,7 @@ def sensitivity_section(table: pd.DataFrame | None) -> Section:
     )
 
 
-def _changes_section(title: str, lead: str, caption: str, table: pd.DataFrame | None) -> Section:
+def _changes_section(title: str, lead: str, caption: str, table: DataFrame | None) -> Section:
     """Changed scenes with the clearance that each needs for the same target: of one mass, or of
     each sized pair of several."""
     if table is None:
@@ -233,7 +233,7 @@ def risk_in_words(found: Production) -> list[str]:
 # ------------------------------------------------------------------------------
 
 
-def sizing_told(sizing: Sizing, sensitivity: pd.DataFrame | None = None) -> Told:
+def sizing_told(sizing: Sizing, sensitivity: DataFrame | None = None) -> Told:
     """The clearances to make, then the numbers behind them, then what they rest on."""
     record = sizing.record
     return Told(
@@ -670,10 +670,9 @@ def screening_section(linear: Screening) -> Section:
 
 def _coordinates(caption: str, linear: Screening) -> list[Grid]:
     """A row per coordinate and point, with each number and its unit in one column."""
-    import pandas as pd
 
     def cell(name: str, unit: str) -> Callable[[Row], str | None]:
-        return lambda row: None if pd.isna(row[name]) else f"{row[name]:.4g} {row[unit]}"
+        return lambda row: None if math.isnan(row[name]) else f"{row[name]:.4g} {row[unit]}"
 
     return Grid.by(
         caption,
@@ -696,7 +695,7 @@ def record_told(record: RecordVerdict | None, where: str = "") -> Told:
     return Told(verdict=f"{where}{record.sentence()}", alarm=not record.agrees)
 
 
-def curve_told(curve: pd.DataFrame, notes: Sequence[str] = ()) -> Told:
+def curve_told(curve: DataFrame, notes: Sequence[str] = ()) -> Told:
     """The impact rate against clearance, as `clearance_curve` returns it, and the notes on it."""
     pair = {"pair": lambda row: row["pair"]} if "pair" in curve else {}
     grids = Grid.by(

@@ -16,12 +16,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from rich.cells import cell_len
 
-from stochvi.results.base import Result, plain
+from stochvi.results.base import DataFrame, Result, plain
 from stochvi.views.files import time_for_pictures, to_json, write_report_page, write_text
 from stochvi.views.tables import NO_VALUE
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from rich.console import Console
 
@@ -66,7 +65,7 @@ class Grid:
     def of(
         cls,
         caption: str,
-        table: pd.DataFrame,
+        table: DataFrame,
         words: int | Collection[str] | None = 1,
         forms: Mapping[str, str] = {},
     ) -> Self:
@@ -126,7 +125,7 @@ class Grid:
         )
 
 
-def records(table: pd.DataFrame) -> list[tuple[dict[str, Any]]]:
+def records(table: DataFrame) -> list[tuple[dict[str, Any]]]:
     """The rows of a table for `Grid.by`, each by the names of its columns."""
     return [({str(name): cell for name, cell in row.items()},) for row in table.to_dict("records")]
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from stochvi.mathematics.units import LENGTH, MILLIRADIANS, SPEED, TIME, shown_as
-from stochvi.results.base import ROTATIONS, unit_of
+from stochvi.results.base import ROTATIONS, DataFrame, unit_of
 from stochvi.results.errors import StochviError
 from stochvi.views.axes import (
     COLOURS,
@@ -48,7 +48,6 @@ from stochvi.views.tables import (
 )
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
 
     from stochvi.isolators.jolt_response import Jolts
@@ -468,12 +467,12 @@ class View(NamedTuple):
     """Whether that picture bears the title of the scene."""
     has_picture: Callable[[Any], bool] = lambda found: True
     """Whether this answer has something to draw."""
-    tables: Callable[[Any], dict[str, pd.DataFrame]] = lambda found: {}
+    tables: Callable[[Any], dict[str, DataFrame]] = lambda found: {}
     """Other tables by their files."""
     report: str = ""
     """What writes its page, of the answer, a folder, an origin and what stands beside it."""
 
-    def files(self, found: Any) -> dict[str, pd.DataFrame]:
+    def files(self, found: Any) -> dict[str, DataFrame]:
         """All tables of an answer by their files."""
         return ({self.file: found.to_frame()} if self.file else {}) | self.tables(found)
 

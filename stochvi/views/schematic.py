@@ -11,6 +11,7 @@ import numpy as np
 
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import LENGTH
+from stochvi.results.base import DataFrame, frame_of
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.scenes.structures.modes import Span
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody
@@ -18,7 +19,6 @@ from stochvi.views.axes import COLOURS, DRAWING, OWNERS, add_grid, axes_or_new, 
 from stochvi.views.tables import chance_in_words, four_digits
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
 
     from stochvi.isolators.sizing.answer import BoxOverview, Sizing
@@ -37,42 +37,34 @@ SMALLEST_CHANCE = 1e-6
 """Probability of an impact below which all snubbers have the same colour."""
 
 
-def modes_in_rows(box: BoxOverview) -> pd.DataFrame:
+def modes_in_rows(box: BoxOverview) -> DataFrame:
     """A row per mode: frequency, damping, and the mass that it moves along each axis."""
-    import pandas as pd
-
-    return pd.DataFrame(
-        [
-            {
-                "mode": number,
-                "Hz": four_digits(mode.frequency_hz),
-                "zeta": f"{mode.damping_ratio or 0.0:.3g}",
-                **{f"kg along {a}": f"{mode.effective_mass[a]:.3g}" for a in mode.effective_mass},
-                "motion": mode.motion,
-            }
-            for number, mode in enumerate(box.modes, start=1)
-        ]
+    return frame_of(
+        {
+            "mode": number,
+            "Hz": four_digits(mode.frequency_hz),
+            "zeta": f"{mode.damping_ratio or 0.0:.3g}",
+            **{f"kg along {a}": f"{mode.effective_mass[a]:.3g}" for a in mode.effective_mass},
+            "motion": mode.motion,
+        }
+        for number, mode in enumerate(box.modes, start=1)
     )
 
 
-def one_axis_in_rows(sizing: Sizing) -> pd.DataFrame:
+def one_axis_in_rows(sizing: Sizing) -> DataFrame:
     """A row per pair: its clearance, and what three sigma of one oscillator would buy there."""
-    import pandas as pd
-
     assert sizing.box is not None
-    return pd.DataFrame(
-        [
-            {
-                "pair": row["pair"],
-                f"clearance ({LENGTH})": four_digits(LENGTH(sizing.clearances[row["pair"]].value))
-                if row["pair"] in sizing.clearances
-                else "fixed",
-                f"3 sigma of one axis ({LENGTH})": four_digits(LENGTH(row["one_axis_three_sigma"])),
-                "hit there": chance_in_words(row["chance_at_one_axis"]),
-                "hit as the scene stands": chance_in_words(row["chance_as_given"]),
-            }
-            for row in sizing.box.pairs.to_dict("records")
-        ]
+    return frame_of(
+        {
+            "pair": row["pair"],
+            f"clearance ({LENGTH})": four_digits(LENGTH(sizing.clearances[row["pair"]].value))
+            if row["pair"] in sizing.clearances
+            else "fixed",
+            f"3 sigma of one axis ({LENGTH})": four_digits(LENGTH(row["one_axis_three_sigma"])),
+            "hit there": chance_in_words(row["chance_at_one_axis"]),
+            "hit as the scene stands": chance_in_words(row["chance_as_given"]),
+        }
+        for row in sizing.box.pairs.to_dict("records")
     )
 
 
@@ -335,7 +327,7 @@ def _finish_span(
     ax.legend(frameon=False, fontsize="small")
 
 
-def draw_map(table: pd.DataFrame, found: Response, scene: Scene) -> Axes:
+def draw_map(table: DataFrame, found: Response, scene: Scene) -> Axes:
     """The rms displacement over a structure, from `rms_along`, with its stops and without.
 
     An answer `found` of another method stands beside it as dots at the named points.
@@ -374,7 +366,7 @@ def _draw_points(ax: Axes, found: Response, span: Span, unit: float, metres: flo
     )  # fmt: skip
 
 
-def _map_of_plate(table: pd.DataFrame, scene: Scene, plate: Span) -> Axes:
+def _map_of_plate(table: DataFrame, scene: Scene, plate: Span) -> Axes:
     """The rms over a plate, a panel each without stops and with them."""
     import matplotlib.pyplot as plt
     from matplotlib.ticker import MaxNLocator

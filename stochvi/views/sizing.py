@@ -22,7 +22,7 @@ from stochvi.mathematics.units import (
     power_ratio,
     spoken_mission,
 )
-from stochvi.results.base import is_speed
+from stochvi.results.base import DataFrame, is_speed
 from stochvi.results.estimates import GAUSSIAN_95, spoken_percent
 from stochvi.views.axes import (
     CLEARANCES,
@@ -120,7 +120,7 @@ def _plot_gaps(found: Screening, ax: Axes | None) -> Axes:
 
 
 def plot_clearance_curve(
-    curve: pd.DataFrame, predicted: pd.DataFrame | None = None, ax: Axes | None = None
+    curve: DataFrame, predicted: DataFrame | None = None, ax: Axes | None = None
 ) -> Axes:
     """Impact rate against clearance: Rice, closure, and Monte Carlo with its 95 % interval.
 
@@ -162,7 +162,7 @@ def plot_clearance_curve(
 RICE, MONTE_CARLO = "Rice, no impacts", "Monte Carlo, 95 %"
 
 
-def _add_lengths(ax: Axes, curve: pd.DataFrame) -> None:
+def _add_lengths(ax: Axes, curve: DataFrame) -> None:
     """The clearances of one pair as lengths, on an upper axis."""
     unit, name = length_unit(float(curve["clearance"].max()))
     per_sigma = float(curve["clearance"].iloc[0] / curve["clearance_in_sigma"].iloc[0]) / unit
@@ -173,7 +173,7 @@ def _add_lengths(ax: Axes, curve: pd.DataFrame) -> None:
 
 
 def plot_clearance_ratio(
-    curve: pd.DataFrame, predicted: pd.DataFrame | None = None, ax: Axes | None = None
+    curve: DataFrame, predicted: DataFrame | None = None, ax: Axes | None = None
 ) -> Axes:
     """The same rates divided by Rice's, which shows what the impacts themselves change."""
     ax = axes_or_new(ax)
@@ -190,7 +190,7 @@ def plot_clearance_ratio(
     return ax
 
 
-def draw_clearance(curve: pd.DataFrame, predicted: pd.DataFrame, title: str) -> Axes:
+def draw_clearance(curve: DataFrame, predicted: DataFrame, title: str) -> Axes:
     """Rates, and their ratio to Rice's below them, in one figure; returns the upper Axes."""
     import matplotlib.pyplot as plt
 
@@ -205,14 +205,14 @@ def draw_clearance(curve: pd.DataFrame, predicted: pd.DataFrame, title: str) -> 
     return above
 
 
-def _by_pair(table: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+def _by_pair(table: DataFrame) -> list[tuple[str, DataFrame]]:
     """Name and rows of each pair; the name is empty where there is one."""
     if "pair" not in table:
         return [("", table)]
     return [(str(name), rows) for name, rows in table.groupby("pair", sort=False)]
 
 
-def _colours(curve: pd.DataFrame) -> list[Sequence[str]]:
+def _colours(curve: DataFrame) -> list[Sequence[str]]:
     """Colours of Rice's rate, the closure and the simulation, for each pair."""
     if "pair" not in curve:
         return [(COLOURS["exact"], COLOURS["linearise:closure"], COLOURS["simulate"])]
@@ -220,7 +220,7 @@ def _colours(curve: pd.DataFrame) -> list[Sequence[str]]:
 
 
 def _error_bars(
-    ax: Axes, rows: pd.DataFrame, centre: pd.Series, scale: pd.Series | float, colour: str,
+    ax: Axes, rows: DataFrame, centre: pd.Series, scale: pd.Series | float, colour: str,
     label: str | None,
 ) -> None:  # fmt: skip
     """Simulated rates over a scale, with their 95 % intervals."""
@@ -231,7 +231,7 @@ def _error_bars(
     )  # fmt: skip
 
 
-def _sigma_label(curve: pd.DataFrame) -> str:
+def _sigma_label(curve: DataFrame) -> str:
     moved = "of the gap" if "pair" in curve else "displacement"
     return f"clearance per side / rms {moved} without stops"
 
@@ -565,7 +565,7 @@ def plot_exceedances_over_clearance(review: Review, ax: Axes | None = None) -> A
     return ax
 
 
-def _hard_hits(review: Review) -> tuple[pd.DataFrame, str, ShownQuantity]:
+def _hard_hits(review: Review) -> tuple[DataFrame, str, ShownQuantity]:
     """The table of probabilities of hard impacts, and their limit in words."""
     table = review.exceedances
     assert table is not None
@@ -578,7 +578,7 @@ def _chance_label(review: Review) -> str:
     return f"probability in {spoken_mission(review.sizing.mission)}"
 
 
-def _chance_limits(table: pd.DataFrame) -> tuple[float, float]:
+def _chance_limits(table: DataFrame) -> tuple[float, float]:
     return max(0.3 * float(table["probability"].min()), LEAST_CHANCE), 1.5
 
 
@@ -587,7 +587,7 @@ LEAST_CHANCE = 1e-9
 
 
 def _chance_line(
-    ax: Axes, x: Any, rows: pd.DataFrame, colour: str, label: str, marker: str = ""
+    ax: Axes, x: Any, rows: DataFrame, colour: str, label: str, marker: str = ""
 ) -> None:
     """Draw probabilities with their 95 % band, and the label at the end of the line."""
     y = rows["probability"].to_numpy()
@@ -638,7 +638,7 @@ def plot_peaks(review: Review, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _sizing_error_bars(ax: Axes, rows: pd.DataFrame, form: str, colour: Any, label: str) -> None:
+def _sizing_error_bars(ax: Axes, rows: DataFrame, form: str, colour: Any, label: str) -> None:
     half = GAUSSIAN_95 * ACCELERATION(rows["largest_acceleration_error"])
     ax.errorbar(
         LENGTH(rows["clearance"]), ACCELERATION(rows["largest_acceleration"]), yerr=half,
@@ -646,7 +646,7 @@ def _sizing_error_bars(ax: Axes, rows: pd.DataFrame, form: str, colour: Any, lab
     )  # fmt: skip
 
 
-def plot_sensitivity(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
+def plot_sensitivity(table: DataFrame, ax: Axes | None = None) -> Axes:
     """Change of the clearance, a bar for each row but the first, which changes nothing."""
     ax = axes_or_new(ax, PAGE)
     rows = table.iloc[1:][::-1]
@@ -665,7 +665,7 @@ def plot_sensitivity(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _spectra(environment: Environment) -> pd.DataFrame:
+def _spectra(environment: Environment) -> DataFrame:
     assert environment.spectra is not None
     return environment.spectra
 

@@ -17,12 +17,10 @@ from stochvi.mathematics.units import (
     shown_as,
     spoken_mission,
 )
-from stochvi.results.base import RESPONSE_QUANTITIES, Response
+from stochvi.results.base import RESPONSE_QUANTITIES, DataFrame, Response, frame_of
 from stochvi.results.estimates import Estimate, format_with_error, spoken_percent
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from stochvi.isolators.sizing.answer import Sizing
 
 QUANTITY_NAMES = {name: each.words for name, each in RESPONSE_QUANTITIES.items()}
@@ -78,7 +76,7 @@ Heading = str | tuple[str, ShownQuantity]
 gets the unit that is shown."""
 
 
-def with_headings(table: pd.DataFrame, columns: Mapping[str, Heading]) -> pd.DataFrame:
+def with_headings(table: DataFrame, columns: Mapping[str, Heading]) -> DataFrame:
     """The columns that a table has of these, under their headings, in the units that are shown."""
     found = table[[name for name in columns if name in table]].copy()
     headings = {}
@@ -115,10 +113,8 @@ METHOD_COLUMNS = {
 }
 
 
-def methods_table(responses: Sequence[Response]) -> pd.DataFrame:
+def methods_table(responses: Sequence[Response]) -> DataFrame:
     """One row per method, one column per quantity of `METHOD_COLUMNS`, values with errors."""
-    import pandas as pd
-
     rows = []
     for response in responses:
         found = {name: estimate for (_, name), estimate in response.estimates().items()}
@@ -128,7 +124,7 @@ def methods_table(responses: Sequence[Response]) -> pd.DataFrame:
             words = quantity.heading(heading) if quantity.chosen else heading
             row[words] = value_with_error(quantity(found[name])) if name in found else ""
         rows.append(row)
-    return pd.DataFrame(rows)
+    return frame_of(rows)
 
 
 def value_with_error(estimate: Estimate, scale: float = 0.0, *, with_bias: bool = True) -> str:

@@ -19,7 +19,7 @@ from stochvi.mathematics.units import ACCELERATION, LENGTH, RATE, shown_as, spok
 from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.model.coverage import NaturalMode, free_motion, natural_modes
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import Named, Response, Result
+from stochvi.results.base import DataFrame, Named, Response, Result, frame_of
 from stochvi.results.estimates import GAUSSIAN_95, Estimate, spoken_percent
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
@@ -30,8 +30,6 @@ from stochvi.statistics.damage import Damage
 from stochvi.statistics.trial_splitting import without_peaks
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from stochvi.isolators.production_risk import Production
     from stochvi.mathematics.spectra import Table
     from stochvi.scenes.scene import ImpactPair
@@ -60,7 +58,7 @@ class BoxOverview:
     """
 
     modes: Sequence[NaturalMode]
-    pairs: pd.DataFrame
+    pairs: DataFrame
 
 
 def box_overview(scene: Scene, mission: float) -> BoxOverview | None:
@@ -71,8 +69,6 @@ def box_overview(scene: Scene, mission: float) -> BoxOverview | None:
     mission
         Seconds of exposure.
     """
-    import pandas as pd
-
     if not isinstance(scene.structure, RigidBody):
         return None
     model = model_of(scene)
@@ -91,7 +87,7 @@ def box_overview(scene: Scene, mission: float) -> BoxOverview | None:
     there = np.where(np.isfinite(stops), three, math.inf)
     return BoxOverview(
         modes=natural_modes(model),
-        pairs=pd.DataFrame(
+        pairs=frame_of(
             {
                 "pair": [pair.name for pair in model.pairs],
                 "one_axis_three_sigma": three,
@@ -653,11 +649,9 @@ OF_SEVERAL = (
 has."""
 
 
-def no_rows() -> pd.DataFrame:
+def no_rows() -> DataFrame:
     """An empty table."""
-    import pandas as pd
-
-    return pd.DataFrame()
+    return frame_of()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -772,10 +766,10 @@ class Sizing(ClearanceAnswer):
 
     target: Target
     mission: float
-    pairs: pd.DataFrame
-    curve: pd.DataFrame
+    pairs: DataFrame
+    curve: DataFrame
     three_sigma: ThreeSigma
-    required: pd.DataFrame
+    required: DataFrame
     screening: Screening
     method: str
     expected_hits: Estimate | None = None
@@ -783,17 +777,17 @@ class Sizing(ClearanceAnswer):
     allowed: Tolerances = field(default_factory=Tolerances)
     production: Production | None = None
     fell_short: tuple[str, ...] = ()
-    simulated: pd.DataFrame = field(default_factory=no_rows)
+    simulated: DataFrame = field(default_factory=no_rows)
     evidence: Mapping[str, Response] = field(default_factory=dict)
     kept_with: Estimate | None = None
-    exceeding: pd.DataFrame | None = None
+    exceeding: DataFrame | None = None
     probability_of_stops: Estimate | None = None
-    worst_case: pd.DataFrame | None = None
+    worst_case: DataFrame | None = None
     pair: str | None = None
     common: tuple[str, ...] = ()
     probability: Probability | None = None
     as_given: Probability | None = None
-    tolerances: pd.DataFrame = field(default_factory=no_rows)
+    tolerances: DataFrame = field(default_factory=no_rows)
     box: BoxOverview | None = None
     worst_at: Mapping[str, str] = field(default_factory=dict)
 
@@ -899,15 +893,13 @@ class Sizing(ClearanceAnswer):
         scene."""
         return gap_of(self)
 
-    def placed(self) -> pd.DataFrame:
+    def placed(self) -> DataFrame:
         """Where the stops of the sized pairs go, for Gaussian noise: one row per pair.
 
         `pair`, its `mean_gap` in the static equilibrium, the `clearance` from there, and
         `lower` and `upper` as a scene file has them, from the unloaded mounts; all in m, NaN where
         the scene has no stop.
         """
-        import pandas as pd
-
         rows, rests = [], self.rests
         for pair in self.scene.impact_pairs:
             if (made := self.rounded.get(pair.name)) is not None:
@@ -915,7 +907,7 @@ class Sizing(ClearanceAnswer):
                 mean = rests[pair.name]
                 places = [made.position(mean, s) if s in stated else math.nan for s in SIDES]
                 rows.append([pair.name, mean, made.value, *places])
-        return pd.DataFrame(rows, columns=["pair", "mean_gap", "clearance", *SIDES])
+        return frame_of(rows, columns=["pair", "mean_gap", "clearance", *SIDES])
 
     def verdict(self) -> str:
         """The clearances to make and the risk that they keep, in one sentence, after a record that
@@ -1047,7 +1039,7 @@ class Sizing(ClearanceAnswer):
         most = self.kept_with.value if most is None else most
         return most <= (self.target.exceedance or 0.0)
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """The curve of risk against clearance."""
         return self.curve
 
@@ -1060,7 +1052,7 @@ class Sizing(ClearanceAnswer):
         widest = f", {self.extremes()[1]}" if len(self.clearances) > 1 else ""
         return f"Sizing: make {make} ({chance} in {mission}{widest} at {at})"
 
-    def _shown(self) -> pd.DataFrame:
+    def _shown(self) -> DataFrame:
         return self.pairs if self.several else self.required
 
     def _document(self) -> dict[str, Any]:
@@ -1169,7 +1161,7 @@ class DamageSizing(ClearanceAnswer):
     ratio: float
     mission: float
     sigma: float
-    tried: pd.DataFrame
+    tried: DataFrame
     damage: Damage
     record: RecordVerdict | None = None
 
@@ -1178,7 +1170,7 @@ class DamageSizing(ClearanceAnswer):
         """The verdict on the record, if it does not agree with the Gaussian noise of the sizing."""
         return None if self.record is None or self.record.agrees else self.record
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """The clearances that were tried."""
         return self.tried
 
@@ -1242,8 +1234,8 @@ class MissionSizing(ClearanceAnswer):
 
     target: Target
     mission: float
-    phases: pd.DataFrame
-    curve: pd.DataFrame
+    phases: DataFrame
+    curve: DataFrame
     records: Mapping[str, RecordVerdict] = field(default_factory=dict)
     assumptions: tuple[str, ...] = ()
 
@@ -1275,7 +1267,7 @@ class MissionSizing(ClearanceAnswer):
         """The scene with the mount as stated, neither warm nor cold."""
         return as_stated(self.scene)
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """The phases."""
         return self.phases
 

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy
@@ -50,7 +50,7 @@ from stochvi.isolators.tolerances import Tolerances, tolerance_table
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.model.coverage import modulated
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import is_speed
+from stochvi.results.base import DataFrame, frame_of, is_speed
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
@@ -67,10 +67,6 @@ from stochvi.statistics.crossings import (
     turn_between,
 )
 from stochvi.statistics.rare_hits import exceedance, without_stops
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # ------------------------------------------------------------------------------
 # The clearance of one pair, by the curve of risk of its gap.
@@ -369,10 +365,8 @@ class OneCurve(SizingMethod):
             self.job.short(f"the probability of an impact on the stops of the scene: {reason}")
             return None
 
-    def required(self) -> pd.DataFrame:
+    def required(self) -> DataFrame:
         """A row per accepted probability, with the interval of its clearance."""
-        import pandas as pd
-
         rows = []
         for chance in SEARCH.required:
             found = self.curve.clearance(chance)
@@ -385,9 +379,9 @@ class OneCurve(SizingMethod):
                     "clearance_in_sigma": found.value / self.deviation,
                 }
             )
-        return pd.DataFrame(rows)
+        return frame_of(rows)
 
-    def curve_table(self) -> pd.DataFrame:
+    def curve_table(self) -> DataFrame:
         """Probabilities against clearance."""
         return self.curve.to_frame()
 
@@ -783,16 +777,14 @@ class SharedRisk(SizingMethod):
         """Probability that each pair that is not sized is hit, alone."""
         return np.array([each.value for each in self.alone_of_fixed])
 
-    def curve_table(self) -> pd.DataFrame:
+    def curve_table(self) -> DataFrame:
         """Probabilities against the risk of each pair."""
-        import pandas as pd
-
         risks, known = self.risks, [Probability.of(chance) for chance in self.chances]
         free = float(np.prod(1.0 - self._alone_of_fixed))
-        return pd.DataFrame(
+        return frame_of(
             {
                 "probability_alone": -np.expm1(-risks),
-                **pd.DataFrame([self.columns(-math.log(risk)) for risk in risks]),
+                **frame_of(self.columns(-math.log(risk)) for risk in risks),
                 "probability": [each.value for each in known],
                 "probability_low": [each.lower for each in known],
                 "probability_high": [each.upper for each in known],
@@ -800,10 +792,8 @@ class SharedRisk(SizingMethod):
             }
         )
 
-    def required(self) -> pd.DataFrame:
+    def required(self) -> DataFrame:
         """A row per accepted probability."""
-        import pandas as pd
-
         rows, total = [], self.total
         for chance in SEARCH.required:
             places = self.columns(self.ends[1])
@@ -812,7 +802,7 @@ class SharedRisk(SizingMethod):
             else:
                 places = dict.fromkeys(places, math.nan)
             rows.append({"probability": chance, **places})
-        return pd.DataFrame(rows)
+        return frame_of(rows)
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from stochvi.methods.monte_carlo.kernels.flight import Extremes, Sums
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
-from stochvi.results.base import Response, plain
+from stochvi.results.base import DataFrame, Response, frame_of, plain, stacked
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import (
@@ -50,8 +50,6 @@ from stochvi.scenes.structures import Oscillator
 from stochvi.statistics.densities import SampledDensity
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from stochvi.model.model import Model
 
 
@@ -140,9 +138,9 @@ class MotionBetweenStops:
     kurtosis: float
     mean_position: float
     displacement: SampledDensity
-    faster_hits: pd.DataFrame | None
-    impacts: pd.DataFrame | None
-    transmissibility: pd.DataFrame | None
+    faster_hits: DataFrame | None
+    impacts: DataFrame | None
+    transmissibility: DataFrame | None
     transmissibility_change: float | None
 
 
@@ -206,22 +204,18 @@ def _kurtosis(samples: Vector) -> float:
     return float(np.mean(x**4) / np.mean(x**2) ** 2)
 
 
-def _faster_hits(speeds: Vector, duration: float, settings: PathSettings) -> pd.DataFrame:
+def _faster_hits(speeds: Vector, duration: float, settings: PathSettings) -> DataFrame:
     """Rate of impacts at least as fast as each of the sorted speeds, thinned where they are
     many."""
-    import pandas as pd
-
     fastest = min(settings.exact_ranks, len(speeds))
     steps = math.log(len(speeds) / fastest) / math.log(settings.rank_ratio)
     more = np.geomspace(fastest, len(speeds), math.ceil(steps) + 1).round().astype(int)
     ranks = np.unique(np.concatenate([np.arange(1, fastest + 1), more]))[::-1]
-    return pd.DataFrame({"impact_speed": speeds[-ranks], "rate": ranks / duration})
+    return frame_of({"impact_speed": speeds[-ranks], "rate": ranks / duration})
 
 
-def _impacts(scene: Scene, speeds: Vector, settings: PathSettings) -> pd.DataFrame:
+def _impacts(scene: Scene, speeds: Vector, settings: PathSettings) -> DataFrame:
     """Percentiles of impact speed and, of compliant stops, what the mass then feels."""
-    import pandas as pd
-
     model = model_of(scene)
     stops = [
         (stop.law, abs(stop.position - model.rest))
@@ -229,7 +223,7 @@ def _impacts(scene: Scene, speeds: Vector, settings: PathSettings) -> pd.DataFra
         if isinstance(stop.law, CompliantLaw)
     ]
     met = np.percentile(speeds, settings.percentiles)
-    found = pd.DataFrame({"percentile": settings.percentiles, "impact_speed": met})
+    found = frame_of({"percentile": settings.percentiles, "impact_speed": met})
     if stops:
         hit = hardest_contact(model, stops, met)
         found["peak_acceleration"], found["deflection"] = hit.peak_acceleration, hit.deflection
@@ -246,11 +240,7 @@ MOST_FOLDED = 0.03
 by the sampling."""
 
 
-def _apparent_transmissibility(
-    model: Model, path: pd.DataFrame, settings: PathSettings
-) -> pd.DataFrame:
-    import pandas as pd
-
+def _apparent_transmissibility(model: Model, path: DataFrame, settings: PathSettings) -> DataFrame:
     step = float(path["time"].iloc[1] - path["time"].iloc[0])
     period = 2.0 * math.pi / model.omega
     length = min(round(settings.segment_periods * period / step), len(path))
@@ -265,7 +255,7 @@ def _apparent_transmissibility(
     if model.whites:  # the kicks of a step shake at all of the frequencies that it folds to one
         folded = transmissibility(model, np.abs(1.0 / step - frequency))
         seen &= folded < MOST_FOLDED * transmissibility(model, frequency)
-    return pd.DataFrame(
+    return frame_of(
         {
             "frequency_hz": frequency[seen],
             "transmissibility": np.sqrt(density[seen] / base[seen]),
@@ -277,7 +267,7 @@ FEWEST_IN_BAND = 4
 """Number of frequencies that a band must hold to be compared."""
 
 
-def _largest_change(model: Model, apparent: pd.DataFrame | None) -> float | None:
+def _largest_change(model: Model, apparent: DataFrame | None) -> float | None:
     """Largest relative difference of bands from the transmissibility without stops."""
     if apparent is None or not len(apparent):
         return None
@@ -317,7 +307,7 @@ def clatter(
     stiffness_ratios: Sequence[float] | None = None,
     window: float = 18.0,
     **options: Unpack[AccuracyOptions],
-) -> pd.DataFrame:
+) -> DataFrame:
     """Rms and peak of the absolute acceleration against clearance and stiffness of the stops.
 
     The absolute acceleration is -(b x' + omega^2 x) less the force of the stop per unit mass. Its
@@ -376,8 +366,6 @@ def clatter(
     >>> bool(1.0 < row["rms_amplification"] < 1.1 and 4.0 < row["peak_amplification"] < 6.0)
     True
     """
-    import pandas as pd
-
     _check(scene, clearances, stiffness_ratios)
     free = scene.model_copy(update={"impact_pairs": ()})
     rows: list[dict[str, float]] = []
@@ -407,8 +395,8 @@ def clatter(
         )
     if run.deadline.interrupted:
         where = f"after {len(rows)} of {len(wanted)} rows"
-        raise run.deadline.fell_short(where, "", pd.DataFrame(rows))
-    return pd.DataFrame(rows)
+        raise run.deadline.fell_short(where, "", frame_of(rows))
+    return frame_of(rows)
 
 
 def _check(
@@ -803,7 +791,7 @@ class Review:
     environment: Environment
     mount: Mount
     linear: LinearMotion
-    closure: pd.DataFrame | None
+    closure: DataFrame | None
     chances: Mapping[str, Chance]
     hits: Mapping[str, HitsAt | None]
     comparisons: tuple[Comparison, ...]
@@ -811,13 +799,13 @@ class Review:
     recommended: RoundedClearance | None
     worst: RoundedClearance | None
     tolerances: Tolerances
-    worst_case: pd.DataFrame | None
-    exceedances: pd.DataFrame | None
+    worst_case: DataFrame | None
+    exceedances: DataFrame | None
     exceeding: Mapping[str, Exceeding]
     balances: tuple[Balance, ...]
-    peaks: pd.DataFrame | None
+    peaks: DataFrame | None
     peak_window: float
-    sensitivity: pd.DataFrame | None
+    sensitivity: DataFrame | None
     warnings: tuple[str, ...]
     assumptions: tuple[str, ...]
 
@@ -829,7 +817,7 @@ class Review:
 
 def review(
     sizing: Sizing,
-    sensitivity: pd.DataFrame | None = None,
+    sensitivity: DataFrame | None = None,
     settings: ReviewSettings | None = None,
     *,
     threads: int | None = None,
@@ -903,7 +891,7 @@ target."""
 
 def _exceedances(
     sizing: Sizing, number: int, threads: int | None, budget: float | None
-) -> pd.DataFrame | None:
+) -> DataFrame | None:
     """Probabilities of hard impacts from 3 sigma on; None where they do not apply."""
     target, nominal = sizing.target, sizing.clearance.value
     if not sizing.scene.impact_pairs:
@@ -926,19 +914,17 @@ def _exceedances(
         return None
 
 
-def _with_limits(sizing: Sizing, hard: pd.DataFrame | None) -> Sizing:
+def _with_limits(sizing: Sizing, hard: DataFrame | None) -> Sizing:
     """The sizing with the probabilities of its limit at the clearances of `exceedances`, too."""
-    import pandas as pd
-
     table = sizing.exceeding
     if hard is None or table is None:
         return sizing
     more = hard[np.isclose(hard["limit"], sizing.target.value)][list(table.columns)]
-    known = pd.concat([table, more]).drop_duplicates("clearance").sort_values("clearance")
+    known = stacked([table, more]).drop_duplicates("clearance").sort_values("clearance")
     return replace(sizing, exceeding=known.reset_index(drop=True))
 
 
-def _exceeding(sizing: Sizing, hard: pd.DataFrame | None) -> dict[str, Exceeding]:
+def _exceeding(sizing: Sizing, hard: DataFrame | None) -> dict[str, Exceeding]:
     """Probability of exceeding the limit of the target at 3 sigma and as recommended, by one
     method."""
     if sizing.target.exceedance is None or hard is None:
@@ -950,7 +936,7 @@ def _exceeding(sizing: Sizing, hard: pd.DataFrame | None) -> dict[str, Exceeding
     }
 
 
-def _exceeding_at(hard: pd.DataFrame, clearance: float, limit: float) -> Exceeding:
+def _exceeding_at(hard: DataFrame, clearance: float, limit: float) -> Exceeding:
     row = hard[np.isclose(hard["clearance"], clearance) & np.isclose(hard["limit"], limit)]
     if not len(row):
         return Exceeding(clearance=clearance, probability=None)
@@ -968,12 +954,10 @@ def peak_accelerations(
     settings: PeakSettings,
     deadline: Deadline = NEVER,
     threads: int | None = None,
-) -> pd.DataFrame | None:
+) -> DataFrame | None:
     """`clatter` at 3 sigma and as recommended, then for other stiffnesses where that means
     something; None where it does not apply, as for stops with a restitution alone. A row for which
     no time is left has no windows, and no numbers (NaN) either."""
-    import pandas as pd
-
     common: dict[str, Any] = {
         "window": settings.window,
         "rel_error": settings.rel_error,
@@ -986,7 +970,7 @@ def peak_accelerations(
         for ratio in settings.stiffness_ratios
         for multiple in settings.multiples
     ]
-    rows: list[pd.DataFrame] = []
+    rows: list[DataFrame] = []
     asked = [*own, *others]
     for number, (clearance, ratios) in enumerate(asked):
         if ratios is not None and deadline.passed():
@@ -1004,15 +988,13 @@ def peak_accelerations(
             # a window may take longer than all the time that is left
             found = _not_simulated(clearance, clearance / sizing.sigma, *(ratios or (math.nan,)))
         rows.append(found)
-    return pd.concat(rows, ignore_index=True) if rows else None
+    return stacked(rows) if rows else None
 
 
-def _not_simulated(clearance: float, in_sigma: float, ratio: float) -> pd.DataFrame:
+def _not_simulated(clearance: float, in_sigma: float, ratio: float) -> DataFrame:
     """A row of `clatter` for which no time was left."""
-    import pandas as pd
-
     row = {"clearance": clearance, "clearance_in_sigma": in_sigma, "stiffness_ratio": ratio}
-    return pd.DataFrame([row | {"windows": 0.0}])
+    return frame_of([row | {"windows": 0.0}])
 
 
 def _mount(sizing: Sizing) -> Mount:
@@ -1063,7 +1045,7 @@ NO_CLOSURE = (
 """Warning where the deadline passed before the curve of the closure was solved."""
 
 
-def _closure(sizing: Sizing, points: int, deadline: Deadline) -> pd.DataFrame | None:
+def _closure(sizing: Sizing, points: int, deadline: Deadline) -> DataFrame | None:
     """Impact rates by the moment closure, where both stops are rigid and it applies."""
     scene, clearances = sizing.scene, sizing.curve["clearance"]
     pairs = scene.impact_pairs

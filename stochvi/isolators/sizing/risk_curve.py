@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, ClassVar, Unpack
+from typing import ClassVar, Unpack
 
 import numpy as np
 import scipy
@@ -26,6 +26,8 @@ from stochvi.results.base import (
     IMPACT_SPEED,
     PEAK_ACCELERATION,
     UNIT_OF_LIMIT,
+    DataFrame,
+    frame_of,
     is_speed,
     unit_of_limit,
 )
@@ -52,9 +54,6 @@ from stochvi.statistics.rare_hits import (
     check_forces,
     outputs_of,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 CERTAIN = 0.999
 """Largest probability of an impact that a target may have."""
@@ -280,10 +279,8 @@ class RiskCurve:
 
         return interpolated
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """The table that `Sizing.curve` describes."""
-        import pandas as pd
-
         limits = {"first_hit_rate": self.first_rates, "probability": self.probabilities}
         columns: dict[str, Sequence[float] | Vector] = {
             "clearance": self.clearances,
@@ -296,7 +293,7 @@ class RiskCurve:
             columns[name] = values
             columns[f"{name}_low"] = np.maximum(values - half, 0.0)
             columns[f"{name}_high"] = np.minimum(values + half, most)
-        return pd.DataFrame(columns)
+        return frame_of(columns)
 
 
 def _half_widths(estimates: Sequence[Estimate]) -> Vector:
@@ -474,7 +471,7 @@ def exceedances(
     event: str | None = None,
     marks: Sequence[float] = (),
     **options: Unpack[RunOptions],
-) -> pd.DataFrame:
+) -> DataFrame:
     """Probability that any impact of a mission exceeds a limit: over limits, at each clearance.
 
     Parameters
@@ -502,8 +499,6 @@ def exceedances(
         exceeded too seldom for a standard error are left out; so is a clearance at which no limit
         is left.
     """
-    import pandas as pd
-
     event, run = event or event_of(scene), Run.of(options)
     unit_of_limit(event)  # refuses others before any work
     seen: list[TrialExtremes] = []
@@ -525,7 +520,7 @@ def exceedances(
     ]  # fmt: skip
     names = ["clearance", "event", "limit", "mark"]
     more = ["probability", "probability_low", "probability_high", "by"]
-    return pd.DataFrame(rows, columns=[*names, *more])
+    return frame_of(rows, columns=[*names, *more])
 
 
 Chance = tuple[float, float, float]

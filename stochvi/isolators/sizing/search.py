@@ -7,7 +7,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from stochvi.isolators.tolerances import Tolerances
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.model.coverage import scene_notes
 from stochvi.model.model import model_of
+from stochvi.results.base import DataFrame, frame_of
 from stochvi.results.deadline import Overdue
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import TOO_FEW, Estimate, provenance, spoken_percent
@@ -25,10 +26,6 @@ from stochvi.scenes.scene import Scene
 from stochvi.statistics.clusters import FAR, ImpactCounts, chance_of, count_impacts, is_far
 from stochvi.statistics.crossings import MISSED, CrossingAges, largest_error
 from stochvi.statistics.rare_hits import rare_hits
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # ------------------------------------------------------------------------------
 # Impacts with the stops at a place: by clusters where first impacts are rare, else by simulating
@@ -408,11 +405,11 @@ class SizingMethod(ABC):
         """Risk and impacts by the rule of three sigma."""
 
     @abstractmethod
-    def curve_table(self) -> pd.DataFrame:
+    def curve_table(self) -> DataFrame:
         """The table that `Sizing.curve` describes."""
 
     @abstractmethod
-    def required(self) -> pd.DataFrame:
+    def required(self) -> DataFrame:
         """The table that `Sizing.required` describes."""
 
     @abstractmethod
@@ -517,16 +514,14 @@ class SizingJob:
             **own,
         )  # fmt: skip
 
-    def _pairs_table(self, place: float, counts: ImpactCounts | None) -> pd.DataFrame:
+    def _pairs_table(self, place: float, counts: ImpactCounts | None) -> DataFrame:
         """The table that `Sizing.pairs` describes."""
-        import pandas as pd
-
         method = self.method
         rates = {} if counts is None else counts.rates
         speeds = {} if counts is None else counts.speeds
         stops = method.stops(place)
         known = np.where(np.isfinite(stops), stops, math.nan)
-        return pd.DataFrame(
+        return frame_of(
             {
                 "pair": method.names,
                 "sigma": method.sigma,
@@ -544,10 +539,8 @@ class SizingJob:
         sigma = self.method.sigma
         return np.asarray(stops.min(axis=0) / np.where(sigma, sigma, math.nan))
 
-    def _simulated(self) -> pd.DataFrame:
+    def _simulated(self) -> DataFrame:
         """The table that `Sizing.simulated` describes."""
-        import pandas as pd
-
         rows: list[dict[str, float | str | None]] = []
         for place, tried in sorted(self.hits.tried.items()):
             rate, speed = tried.counts.rate, tried.speed
@@ -567,12 +560,10 @@ class SizingJob:
                     "by": tried.counts.way,
                 }
             )
-        return pd.DataFrame(rows, columns=None if rows else [*self.method.columns(1.0), *SIMULATED])
+        return frame_of(rows, columns=None if rows else [*self.method.columns(1.0), *SIMULATED])
 
-    def _exceeding(self) -> pd.DataFrame:
+    def _exceeding(self) -> DataFrame:
         """The table that `Sizing.exceeding` describes."""
-        import pandas as pd
-
         rows = []
         for place, chance in sorted(self.exceeded.items()):
             half = 0.0 if chance.upper_95 else chance.half_width_95()
@@ -584,7 +575,7 @@ class SizingJob:
                     "probability_high": chance.upper_95 or min(chance.value + half, 1.0),
                 }
             )
-        return pd.DataFrame(rows)
+        return frame_of(rows)
 
     def short(self, warning: str) -> None:
         """Add a warning of an accuracy for which the budget did not suffice."""

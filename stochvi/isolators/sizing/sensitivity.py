@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 import scipy
@@ -32,15 +32,13 @@ from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.unsteady_noise import Hermite
 from stochvi.model.model import model_of
+from stochvi.results.base import DataFrame, frame_of
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged, StochviError
 from stochvi.sampling.calculations import AccuracyOptions, WorkOptions, calculation
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import Scene
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 RESTITUTION_STEP, STIFFNESS_FACTOR = 0.1, 2.0
 """Change of the restitution, and factor on the stiffness, by which the stops of a scene are
@@ -77,7 +75,7 @@ MODULATION_NODES = 200
 
 @calculation
 @sampled(rel_error=0.1)
-def sensitivity(sizing: Sizing, **options: Unpack[AccuracyOptions]) -> pd.DataFrame:
+def sensitivity(sizing: Sizing, **options: Unpack[AccuracyOptions]) -> DataFrame:
     """Clearance for the same target, and risk at the old clearance, for changed scenes.
 
     Rows: natural frequency +-10 %, damping ratio +-30 % (or the tolerances of the isolator), level
@@ -124,8 +122,6 @@ def sensitivity(sizing: Sizing, **options: Unpack[AccuracyOptions]) -> pd.DataFr
     >>> round(float(1.0 + louder["clearance_change"]), 3)
     1.413
     """
-    import pandas as pd
-
     run = Run.of(options)
     again = Resizing(sizing=sizing, run=run)
     rows = again.rows(list(variations(sizing)))
@@ -135,8 +131,8 @@ def sensitivity(sizing: Sizing, **options: Unpack[AccuracyOptions]) -> pd.DataFr
     if curve and by_curve and not model_of(sizing.scene).sines:
         rows += _not_gaussian(sizing, curve, run.seed, run.deadline)
     if run.deadline.interrupted:
-        raise run.deadline.fell_short("before all rows were known", "", pd.DataFrame(rows))
-    return pd.DataFrame(rows)
+        raise run.deadline.fell_short("before all rows were known", "", frame_of(rows))
+    return frame_of(rows)
 
 
 def variations(sizing: Sizing) -> Iterator[tuple[str, Scene]]:
@@ -435,7 +431,7 @@ FIRST_SHARE = 0.3
 def worst_case(
     sizing: Sizing, tolerances: Tolerances | None = None,
     **options: Unpack[WorkOptions],
-) -> pd.DataFrame:  # fmt: skip
+) -> DataFrame:  # fmt: skip
     """Clearances for the target of a sizing with mount, level and stops within their tolerances.
 
     Every row is a scene of its own that is sized for the target, with the seed of the sizing. The
@@ -470,8 +466,6 @@ def worst_case(
     >>> table["change"].iloc[-1]
     'worst within all tolerances: level +3 dB'
     """
-    import pandas as pd
-
     scene = sizing.scene
     run = replace(Run.of(options), seed=sizing.seed, rel_error=REL_ERROR)
     again = Resizing(sizing=sizing, run=run)
@@ -483,7 +477,7 @@ def worst_case(
     rows = [row_of("as stated", sizing, nominal, chance, sigma=sizing.sigma)]
     ends = ends_of(tolerances)
     if not ends and not stops:
-        return pd.DataFrame(rows)
+        return frame_of(rows)
 
     run.tell(0.0, "the worst place within the tolerances")
     try:
@@ -498,7 +492,7 @@ def worst_case(
             for place in places
         ]
     rows += again.rows([(change.words, change.applied(scene)) for change in (*ends, *stops)])
-    return pd.DataFrame([*rows, _largest(worst, rows[1:], [*nominal])])
+    return frame_of([*rows, _largest(worst, rows[1:], [*nominal])])
 
 
 def _largest(

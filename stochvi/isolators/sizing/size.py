@@ -41,6 +41,7 @@ from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.unsteady_noise import RandomLevel
 from stochvi.model.coverage import free_motion, modulated, nonlinear, scene_notes
 from stochvi.model.model import Model, model_of
+from stochvi.results.base import DataFrame, frame_of
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import provenance
@@ -68,8 +69,6 @@ from stochvi.statistics.trial_splitting import (
 )
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from stochvi.isolators.tolerances import Spread
 
 
@@ -276,14 +275,12 @@ class Joint:
         reach = half / total / abs(slope)
         return Clearance(value=value, lower=value - reach, upper=value + reach)
 
-    def curve(self, place: float) -> pd.DataFrame:
+    def curve(self, place: float) -> DataFrame:
         """The table of `MissionSizing.curve`."""
-        import pandas as pd
-
         places = place * np.linspace(1.0 - AROUND, 1.0 + AROUND, POINTS)
         found = np.array([self.hazard(each) for each in places])
         low, high = found[:, 0] - found[:, 1], found[:, 0] + found[:, 1]
-        return pd.DataFrame(
+        return frame_of(
             {"clearance": places, "probability": -np.expm1(-found[:, 0]),
              "probability_low": -np.expm1(-np.maximum(low, 0.0)),
              "probability_high": -np.expm1(-high)}
@@ -633,11 +630,9 @@ def size_mission(
 def _table(
     phases: Mapping[str, PhaseOfPairs], joint: Joint, place: float, widest: int,
     needed: Mapping[str, float],
-) -> pd.DataFrame:  # fmt: skip
+) -> DataFrame:  # fmt: skip
     """The table of `MissionSizing.phases` at a clearance of the widest gap, with the one that a
     phase alone needs where it is known."""
-    import pandas as pd
-
     total, _ = joint.hazard(place)
     rows = []
     for name, phase in phases.items():
@@ -648,7 +643,7 @@ def _table(
              "shift": gap.shift, "probability": -math.expm1(-own), "share": own / total,
              "clearance": needed.get(name, math.nan)}
         )  # fmt: skip
-    return pd.DataFrame(rows)
+    return frame_of(rows)
 
 
 def _guess(phases: Mapping[str, PhaseOfPairs], number: int, name: str, hazard: float) -> float:
@@ -794,8 +789,6 @@ def size_by_damage(
     >>> bool(3.0 < found.clearance.value / found.sigma < 6.0)
     True
     """
-    import pandas as pd
-
     if not 1.0 < ratio < math.inf:
         raise ValueError(f"ratio must be above 1, got {ratio}; stops add to the damage")
     model, run = model_of(scene), Run.of(options)
@@ -844,7 +837,7 @@ def size_by_damage(
     }
     answer = DamageSizing(
         scene=scene, ratio=ratio, mission=mission, sigma=sigma, clearances=clearances,
-        tried=pd.DataFrame(rows), damage=nearest.found, record=record_verdict(scene),
+        tried=frame_of(rows), damage=nearest.found, record=record_verdict(scene),
         warnings=[*nearest.found.warnings, *scene.at_means()],
         cost=run.cost(), provenance=provenance(scene.document(), run.seed),
     )  # fmt: skip

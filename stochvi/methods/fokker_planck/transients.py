@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,16 +52,12 @@ from stochvi.methods.fokker_planck.stationary import FASTEST
 from stochvi.model.gap import OscillatorArrays
 from stochvi.model.model import Model, Stop, model_of
 from stochvi.model.scales import SLOW_IMPACTS, default_thresholds
-from stochvi.results.base import Result
+from stochvi.results.base import DataFrame, Result, frame_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, format_with_error, provenance
 from stochvi.sampling.calculations import calculation
 from stochvi.scenes.scene import Scene
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # ------------------------------------------------------------------------------
 # How many passages there can be at most, before any equation is solved.
@@ -228,11 +224,9 @@ class FirstPassage(Result):
     effects: Sequence[str] = ()
     assumptions: Sequence[str] = ()
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """A row per time: seconds, probability, bound on its error."""
-        import pandas as pd
-
-        return pd.DataFrame(
+        return frame_of(
             {
                 "time": self.times,
                 "probability": [estimate.value for estimate in self.probability],
@@ -661,13 +655,11 @@ class Transient(Result):
         places = np.asarray(x, float)
         return self._states[index].displacement_density(places.ravel()).reshape(places.shape)
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """A row per time: every average, and its error as `<name>_bias`."""
-        import pandas as pd
-
         columns: dict[str, Any] = {"time": self.times, **self.values._asdict()}
         columns |= {f"{name}_bias": column for name, column in self.errors._asdict().items()}
-        return pd.DataFrame(columns)
+        return frame_of(columns)
 
     def __repr__(self) -> str:
         ends = ", ".join(f"{moment:g}" for moment in self.times[:3])

@@ -44,7 +44,7 @@ from stochvi.model.energy_law import energy_law
 from stochvi.model.gap import Gap
 from stochvi.model.modal import EquivalentLinear, ModalForm
 from stochvi.model.model import Model, Stop, model_of
-from stochvi.results.base import Response
+from stochvi.results.base import DataFrame, Response, frame_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.sampling.calculations import calculation
@@ -55,8 +55,6 @@ from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.modes import Span
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from stochvi.results.base import CoordinateResponse
 
 
@@ -556,7 +554,7 @@ PLACES = {1: 101, 2: 21}
 """Number of places along each side, of a structure with a length alone and of one with an area."""
 
 
-def rms_along(scene: Scene) -> pd.DataFrame:
+def rms_along(scene: Scene) -> DataFrame:
     """Find the rms displacement at places over a structure, by statistical linearisation.
 
     Parameters
@@ -577,8 +575,6 @@ def rms_along(scene: Scene) -> pd.DataFrame:
     >>> rms_along(load_scene(shipped_scene("beam"))).iloc[[50, 100]].round(5).values.tolist()
     [[0.1, 0.00045, 0.00029], [0.2, 0.00133, 0.00083]]
     """
-    import pandas as pd
-
     span = scene.structure
     if not isinstance(span, Span):
         raise NotApplicable(
@@ -594,7 +590,7 @@ def rms_along(scene: Scene) -> pd.DataFrame:
     if scene.impact_pairs:
         with contextlib.suppress(NotApplicable, NotConverged):
             table["rms_with_stops_m"] = _rms(fine)
-    return pd.DataFrame(table)
+    return frame_of(table)
 
 
 def _rms(fine: Scene) -> np.ndarray:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Unpack
+from typing import Unpack
 
 import numpy as np
 
@@ -52,7 +52,7 @@ from stochvi.methods.monte_carlo.plan import (
 from stochvi.model.build_response import NO_MEAN_SPEED, build_response, residuals
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import Model, Pair, model_of
-from stochvi.results.base import CoordinateResponse, PairResponse, Response
+from stochvi.results.base import CoordinateResponse, DataFrame, PairResponse, Response, frame_of
 from stochvi.results.deadline import Deadline, Overdue, Progress, stood_still
 from stochvi.results.errors import MOST_RECORDED, Interrupted, NotConverged, check_size
 from stochvi.results.estimates import (
@@ -75,9 +75,6 @@ from stochvi.sampling.calculations import (
 from stochvi.sampling.run import Run, sampled
 from stochvi.sampling.workers import WorkersLost, machine, pool_of
 from stochvi.scenes.scene import Scene
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 FEWEST_PATHS = 64
 """Smallest number of paths in the first round: with fewer, the standard error itself is too
@@ -926,7 +923,7 @@ def record_path(
     path: int = 0,
     step: float | None = None,
     budget: float | None = None,
-) -> pd.DataFrame:
+) -> DataFrame:
     """One path, sample by sample: time (s), displacement, velocity and impact_speed (SI).
 
     `impact_speed` is the incident speed of an impact within the step that ends at `time`,
@@ -969,8 +966,6 @@ def record_path(
     >>> list(record_path(scene, duration=10.0))
     ['time', 'displacement', 'velocity', 'impact_speed']
     """
-    import pandas as pd
-
     check_options({"duration": duration, "seed": seed})
     if step is not None and not 0.0 < step < math.inf:
         raise ValueError(f"step must be a positive number of seconds, got {step}")
@@ -982,7 +977,7 @@ def record_path(
         plan = plan.with_step(step)
     columns = plan.record(seed, path)
     samples = len(next(iter(columns.values())))
-    return pd.DataFrame({"time": plan.step * np.arange(1, samples + 1), **columns})
+    return frame_of({"time": plan.step * np.arange(1, samples + 1), **columns})
 
 
 def _check_record(plan: Plan, step: float, paths: int) -> None:
@@ -1006,7 +1001,7 @@ def record_paths(
     seed: int = 0,
     first_path: int = 0,
     budget: float | None = None,
-) -> tuple[float, list[pd.DataFrame]]:
+) -> tuple[float, list[DataFrame]]:
     """Several paths of a scene of several coordinates at once, as `record_path` gives one.
 
     Returns the time, s, after which they have settled, and the records, `duration` longer.
@@ -1043,8 +1038,6 @@ def record_paths(
     >>> [bool(each["time"].iloc[-1] >= burn_in) for each in tables]
     [True, True]
     """
-    import pandas as pd
-
     check_options({"duration": duration, "seed": seed})
     model = model_of(scene)
     settling = plan_several(model, None, duration).burn_in
@@ -1053,7 +1046,7 @@ def record_paths(
     record = np.zeros((plan.steps, paths, plan.record_width))
     plan.averages(seed, first_path, paths, record)
     time = {"time": plan.step * np.arange(1, plan.steps + 1)}
-    return settling, [pd.DataFrame(time | plan.columns(record[:, [path]])) for path in range(paths)]
+    return settling, [frame_of(time | plan.columns(record[:, [path]])) for path in range(paths)]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 import scipy
@@ -24,7 +24,7 @@ from stochvi.methods.periodic.family import Family, States, unmet
 from stochvi.methods.periodic.kernels import flights, solver
 from stochvi.methods.periodic.sine_response import MARGIN, SWEEPS, noise_left_out, too_slow, varied
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import Result
+from stochvi.results.base import DataFrame, Result, frame_of, stacked
 from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
@@ -32,10 +32,6 @@ from stochvi.sampling.calculations import TrialSampler, WorkOptions, calculation
 from stochvi.sampling.checkpoints import digest_of
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # ------------------------------------------------------------------------------
 # The motions in which flights end: stable periodic regimes with their surroundings, and other
@@ -616,13 +612,11 @@ class Basins(Result):
         number = int(self.ends[row, column])
         return None if number < 0 else self.regimes[number]
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """One row for each start: its two numbers, and the motion in which it ends."""
-        import pandas as pd
-
         up, across = np.meshgrid(self.up, self.across, indexing="ij")
         names = [*(regime.name for regime in self.regimes), "beyond a stop", "undecided"]
-        return pd.DataFrame(
+        return frame_of(
             {
                 self.plane[0]: across.ravel(),
                 self.plane[1]: up.ravel(),
@@ -631,10 +625,8 @@ class Basins(Result):
             }
         )
 
-    def table(self) -> pd.DataFrame:
+    def table(self) -> DataFrame:
         """One row for each regime."""
-        import pandas as pd
-
         rows = []
         for regime in self.regimes:
             rate = regime.lyapunov
@@ -649,9 +641,9 @@ class Basins(Result):
                     "lyapunov_error": 0.0 if rate is None else rate.standard_error,
                 }
             )
-        return pd.DataFrame(rows)
+        return frame_of(rows)
 
-    def _shown(self) -> pd.DataFrame:
+    def _shown(self) -> DataFrame:
         return self.table()
 
     def summary(self) -> str:
@@ -1150,51 +1142,39 @@ class Bifurcation(Result):
     watched: int
     assumptions: Sequence[str] = ()
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """One row for each impact that was kept, and one of speed 0 for a value without impacts."""
-        import pandas as pd
-
-        tables = []
-        for sweep in self.sweeps:
-            for number, value in enumerate(sweep.value):
-                speeds = sweep.impact_speed[number]
-                tables.append(
-                    pd.DataFrame(
-                        {
-                            "sweep": "up" if sweep.upwards else "down",
-                            "value": value,
-                            "frequency_hz": sweep.frequency_hz[number],
-                            "periods": sweep.periods[number],
-                            "lyapunov": sweep.lyapunov[number],
-                            "lyapunov_error": sweep.lyapunov_error[number],
-                            "stop": list(sweep.stop[number]) or [""],
-                            "impact_speed": speeds if len(speeds) else [0.0],
-                        }
-                    )
-                )
-        return pd.concat(tables, ignore_index=True)
-
-    def table(self) -> pd.DataFrame:
-        """One row for each value of each sweep."""
-        import pandas as pd
-
-        tables = [
-            pd.DataFrame(
-                {
-                    "sweep": "up" if sweep.upwards else "down",
-                    "value": sweep.value,
-                    "periods": sweep.periods,
-                    "impacts per period": [len(each) / self.watched for each in sweep.impact_speed],
-                    "impact_speed_max": [each.max(initial=0.0) for each in sweep.impact_speed],
-                    "lyapunov": sweep.lyapunov,
-                    "lyapunov_error": sweep.lyapunov_error,
-                }
-            )
+        return stacked(
+            {
+                "sweep": "up" if sweep.upwards else "down",
+                "value": value,
+                "frequency_hz": sweep.frequency_hz[number],
+                "periods": sweep.periods[number],
+                "lyapunov": sweep.lyapunov[number],
+                "lyapunov_error": sweep.lyapunov_error[number],
+                "stop": list(sweep.stop[number]) or [""],
+                "impact_speed": speeds if len(speeds := sweep.impact_speed[number]) else [0.0],
+            }
             for sweep in self.sweeps
-        ]
-        return pd.concat(tables, ignore_index=True)
+            for number, value in enumerate(sweep.value)
+        )
 
-    def _shown(self) -> pd.DataFrame:
+    def table(self) -> DataFrame:
+        """One row for each value of each sweep."""
+        return stacked(
+            {
+                "sweep": "up" if sweep.upwards else "down",
+                "value": sweep.value,
+                "periods": sweep.periods,
+                "impacts per period": [len(each) / self.watched for each in sweep.impact_speed],
+                "impact_speed_max": [each.max(initial=0.0) for each in sweep.impact_speed],
+                "lyapunov": sweep.lyapunov,
+                "lyapunov_error": sweep.lyapunov_error,
+            }
+            for sweep in self.sweeps
+        )
+
+    def _shown(self) -> DataFrame:
         return self.table()
 
     def summary(self) -> str:

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 import scipy
@@ -23,14 +23,11 @@ from stochvi.methods.periodic.family import Numbers, unmet
 from stochvi.methods.periodic.sine_response import Branch, Harmonic, HarmonicResponse
 from stochvi.model.coverage import nonlinear
 from stochvi.model.model import Model, Pair, model_of
+from stochvi.results.base import DataFrame, frame_of
 from stochvi.results.errors import NotApplicable
 from stochvi.sampling.calculations import calculation
 from stochvi.scenes.excitations import Sine
 from stochvi.scenes.scene import Scene
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # ------------------------------------------------------------------------------
 # Vibro-impact resonance of any structure, and how long noise can maintain it.
@@ -837,7 +834,7 @@ class Motor:
         """
         return np.asarray(self.slope * 2.0 * math.pi * (self.idle_hz - np.asarray(frequency_hz)))
 
-    def regimes(self, scene: Scene, response: HarmonicResponse) -> pd.DataFrame:
+    def regimes(self, scene: Scene, response: HarmonicResponse) -> DataFrame:
         """Where the motor settles.
 
         Parameters
@@ -860,8 +857,6 @@ class Motor:
             If the scene has several sines, or stops that are not rigid, or the response is not one
             over the frequency.
         """
-        import pandas as pd
-
         if response.key != "frequency_hz":
             raise NotApplicable(
                 "motor", [f"the response must be one over frequency_hz, got {response.key}"]
@@ -871,7 +866,7 @@ class Motor:
             for number, branch in enumerate(response.branches)
             for row in self._settles(scene, branch)
         ]
-        return pd.DataFrame(rows, columns=list(COLUMNS))
+        return frame_of(rows, columns=list(COLUMNS))
 
     def _settles(self, scene: Scene, branch: Branch) -> Iterator[tuple[float | bool, ...]]:
         """The regimes on one branch: where torque and load are equal."""

@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 import scipy
@@ -37,7 +37,7 @@ from stochvi.methods.periodic.continuation import (
 from stochvi.methods.periodic.family import Family, unmet
 from stochvi.methods.periodic.kernels import solver
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import Result
+from stochvi.results.base import DataFrame, Result, stacked
 from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
@@ -45,10 +45,6 @@ from stochvi.sampling.calculations import calculation
 from stochvi.scenes.excitations import Sine
 from stochvi.scenes.keys import changed_scene
 from stochvi.scenes.scene import Scene
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # ------------------------------------------------------------------------------
 # The answer on a structure between stops under a sine: branches of regimes, and jumps.
@@ -329,41 +325,39 @@ class HarmonicResponse(Result):
     assumptions: Sequence[str] = ()
     model_error: Mapping[str, float | None] | None = None
 
-    def at(self, value: float) -> pd.DataFrame:
+    def at(self, value: float) -> DataFrame:
         """The regimes at one of the values that were asked for, the most stable first."""
         table = self.to_frame()
         near = np.abs(table["value"] - value) <= 1e-9 * max(abs(value), 1e-300)
-        chosen: pd.DataFrame = table[near & table["admissible"] & (table["name"] == "")]
+        chosen: DataFrame = table[near & table["admissible"] & (table["name"] == "")]
         return chosen.sort_values("multiplier").reset_index(drop=True)
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """One row for each point of each branch, SI units."""
-        import pandas as pd
-
-        tables = []
-        for number, branch in enumerate(self.branches):
-            speeds = branch.impact_speed
-            columns = {
-                "branch": number,
-                "form": branch.form,
-                "impacts": " ".join(stop.replace(" ", "-") for stop in branch.stops),
-                "sticking": " ".join(stop.replace(" ", "-") for stop in branch.sticking),
-                "impacts_per_period": branch.impacts_per_period,
-                "periods": branch.periods,
-                "value": branch.value,
-                "frequency_hz": branch.frequency_hz,
-                "displacement_max": branch.displacement_max,
-                "amplitude": branch.amplitude,
-                "acceleration_max": branch.acceleration_max,
-                "impact_speed_max": speeds.max(axis=1, initial=0.0),
-                "multiplier": branch.multiplier,
-                "stable": branch.stable,
-                "admissible": branch.admissible,
-                "name": list(branch.names),
-            }
-            tables.append(pd.DataFrame(columns))
-        empty = pd.DataFrame(columns=list(COLUMNS))
-        return pd.concat(tables, ignore_index=True) if tables else empty
+        return stacked(
+            (
+                {
+                    "branch": number,
+                    "form": branch.form,
+                    "impacts": " ".join(stop.replace(" ", "-") for stop in branch.stops),
+                    "sticking": " ".join(stop.replace(" ", "-") for stop in branch.sticking),
+                    "impacts_per_period": branch.impacts_per_period,
+                    "periods": branch.periods,
+                    "value": branch.value,
+                    "frequency_hz": branch.frequency_hz,
+                    "displacement_max": branch.displacement_max,
+                    "amplitude": branch.amplitude,
+                    "acceleration_max": branch.acceleration_max,
+                    "impact_speed_max": branch.impact_speed.max(axis=1, initial=0.0),
+                    "multiplier": branch.multiplier,
+                    "stable": branch.stable,
+                    "admissible": branch.admissible,
+                    "name": list(branch.names),
+                }
+                for number, branch in enumerate(self.branches)
+            ),
+            list(COLUMNS),
+        )
 
     def jump_at(self, *, upwards: bool) -> float | None:
         """Frequency (hertz) of the largest jump of a slow sweep; None where there is none.

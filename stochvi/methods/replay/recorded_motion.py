@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import MISSING, dataclass, replace
 from dataclasses import replace as changed
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, Self
+from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 import scipy
@@ -34,7 +34,16 @@ from stochvi.model.coverage import (
     rubbing,
 )
 from stochvi.model.model import Model, Pair, Stop, inertia_of, model_of
-from stochvi.results.base import Named, Quantities, Result, of_angle, stated
+from stochvi.results.base import (
+    DataFrame,
+    Named,
+    Quantities,
+    Result,
+    frame_of,
+    of_angle,
+    stacked,
+    stated,
+)
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import MOST_NUMBERS, NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
@@ -42,10 +51,6 @@ from stochvi.sampling.calculations import calculation
 from stochvi.scenes.excitations import BASE, ConstantLoad, DensityNoise, RecordedNoise
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import AXES
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # ------------------------------------------------------------------------------
 # The answer of `replay`: the motion of a structure between its stops under a measured record.
@@ -168,11 +173,9 @@ class Histories:
     acceleration: Mapping[str, Vector]
     force: Mapping[str, Vector]
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """A table with a row per sample; names of coordinates stand in front where there are
         several."""
-        import pandas as pd
-
         columns: dict[str, Vector] = {"time": self.time}
         if self.base_acceleration.ndim == 1:
             columns["base_acceleration"] = self.base_acceleration
@@ -185,7 +188,7 @@ class Histories:
             for quantity in ("displacement", "velocity", "acceleration"):
                 columns[before + quantity] = getattr(self, quantity)[name]
         columns |= {f"force_{name.replace(' ', '_')}": each for name, each in self.force.items()}
-        return pd.DataFrame(columns)
+        return frame_of(columns)
 
     def short_time_spectra(
         self, coordinate: str | None = None, segment: float | None = None
@@ -258,7 +261,7 @@ class ReplayAt:
     stops: Mapping[str, float]
     coordinates: Mapping[str, CoordinateReplay]
     impact_pairs: Mapping[str, PairReplay]
-    impacts: pd.DataFrame
+    impacts: DataFrame
     histories: Histories | None
 
     def with_bias(self, coarse: ReplayAt, step: float) -> ReplayAt:
@@ -345,13 +348,11 @@ class Replay(Result):
         return self.only.histories if self.only else None
 
     @property
-    def impacts(self) -> pd.DataFrame:
+    def impacts(self) -> DataFrame:
         """The impacts one by one, with the clearance at which each happened."""
-        import pandas as pd
-
         tables = [each.impacts.assign(clearance=each.clearance) for each in self.clearances]
         filled = [table for table in tables if len(table)]
-        return pd.concat(filled, ignore_index=True) if filled else tables[0]
+        return stacked(filled) if filled else tables[0]
 
     def summary(self) -> str:
         """Displacement, impacts and speeds, in a sentence; over several clearances the impacts at
@@ -367,11 +368,9 @@ class Replay(Result):
         hit = [_impacts_in_words(name, each) for name, each in self.impact_pairs.items()]
         return f"replay of {self.duration:.4g} s of record: {'; '.join([*moved, *hit])}"
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """One row per clearance, a column per quantity (SI units)."""
-        import pandas as pd
-
-        return pd.DataFrame([each.row() for each in self.clearances])
+        return frame_of(each.row() for each in self.clearances)
 
 
 def _impacts_in_words(name: str, pair: PairReplay) -> str:
@@ -700,8 +699,6 @@ def _answer_at(
     parts: int,
 ) -> ReplayAt:
     """The answer at one clearance, of all segments together."""
-    import pandas as pd
-
     model = way.model
     motions = [way.move(each, seed + number, parts) for number, each in enumerate(segments)]
     starts = np.cumsum([0.0, *(each.step * len(each.base) for each in segments)])
@@ -717,7 +714,7 @@ def _answer_at(
             name: _coordinate(motions, number) for number, name in enumerate(model.outputs)
         },
         impact_pairs={pair.name: _pair(model, pair, motions, impacts) for pair in model.pairs},
-        impacts=pd.DataFrame(
+        impacts=frame_of(
             {
                 "time": impacts[:, 0],
                 "pair": [pair.name for pair, _ in hit],

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import scipy
@@ -22,7 +22,7 @@ from stochvi.methods.monte_carlo.kernels.records import BEFORE, LANES, equipment
 from stochvi.methods.monte_carlo.kernels.records import NODES as KERNEL_NODES
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import Model
-from stochvi.results.base import Result
+from stochvi.results.base import DataFrame, Result, frame_of
 from stochvi.results.estimates import (
     GAUSSIAN_95,
     TOO_FEW,
@@ -32,9 +32,6 @@ from stochvi.results.estimates import (
     reach,
 )
 from stochvi.sampling.calculations import check_flag
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Records = NDArray[np.float64]
 
@@ -334,11 +331,9 @@ class TailoredTest:
     extreme_ratio: Vector
     extreme_ratio_error: Vector
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """The breakpoints as the columns of a file of a profile, in Hz and g^2/Hz."""
-        import pandas as pd
-
-        return pd.DataFrame(
+        return frame_of(
             {
                 "frequency_hz": self.frequency_hz,
                 "density_g2_per_hz": self.density / STANDARD_GRAVITY**2,
@@ -444,11 +439,9 @@ class Damage(Result):
             "smaller rel_error, or ask reliability how rare they are"
         )
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """A row for each frequency of the equipment, with a column for every list of the
         document."""
-        import pandas as pd
-
         columns = {"equipment_frequency_hz": self.equipment_frequency_hz}
         columns |= self.with_stops.document()
         if self.without_stops is not None:
@@ -461,7 +454,7 @@ class Damage(Result):
                 columns |= lists_of(name, getattr(self, name))
         if self.shocks is not None:
             columns |= {"shock_typical": self.shocks.typical, "shock_worst": self.shocks.worst}
-        return pd.DataFrame(columns)
+        return frame_of(columns)
 
     def _document(self) -> dict[str, Any]:
         found = super()._document()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy
@@ -14,17 +14,13 @@ from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.unsteady_noise import RandomLevel
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import Named, Result
+from stochvi.results.base import DataFrame, Named, Result, frame_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.sampling.run import Run
 from stochvi.scenes.phases import Phase, bias_of_steps, steps_of_bands
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.clusters import INDEPENDENT, asked_in_parts, complete
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # ------------------------------------------------------------------------------
 # The answer on a mission: probabilities with their intervals, how they were found, and the CPU
@@ -167,27 +163,23 @@ class Reliability(Result):
         chances = {name: chance.estimate for name, chance in self.chances.items()}
         return {"mission": Named(chances, expected_hits=self.hits)}
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """A row per probability."""
-        import pandas as pd
-
-        return pd.DataFrame(
-            [
-                {
-                    "event": chance.event,
-                    "limit": chance.limit,
-                    "probability": chance.estimate.value,
-                    "standard_error": chance.estimate.standard_error,
-                    "bias": chance.estimate.bias,
-                    "lower": chance.lower,
-                    "upper": chance.upper,
-                    "way": chance.way,
-                    "trials": chance.trials,
-                    "seconds": chance.seconds,
-                    "crude_seconds": chance.crude_seconds,
-                }
-                for chance in self.chances.values()
-            ]
+        return frame_of(
+            {
+                "event": chance.event,
+                "limit": chance.limit,
+                "probability": chance.estimate.value,
+                "standard_error": chance.estimate.standard_error,
+                "bias": chance.estimate.bias,
+                "lower": chance.lower,
+                "upper": chance.upper,
+                "way": chance.way,
+                "trials": chance.trials,
+                "seconds": chance.seconds,
+                "crude_seconds": chance.crude_seconds,
+            }
+            for chance in self.chances.values()
         )
 
     def __repr__(self) -> str:

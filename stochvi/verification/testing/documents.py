@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from pydantic import BeforeValidator, Field
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import checked
 from stochvi.model.model import UPPER, Model, Pair, inertia_of
-from stochvi.results.base import RESPONSE_QUANTITIES, Response
+from stochvi.results.base import RESPONSE_QUANTITIES, DataFrame, Response
 from stochvi.results.errors import SceneError
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.excitations import (
@@ -54,9 +54,6 @@ from stochvi.verification.testing.problems import (
     split,
     truths_of,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 FORMAT = "stochvi problem 1"
 """Name and version of the form of a problem file."""
@@ -771,7 +768,7 @@ def _texts(path: str | Path, separator: str, header: tuple[str, ...]) -> Sheet:
     return Sheet(str(path), header, cells, [number for number, _ in kept])
 
 
-def sheet_of(frame: pd.DataFrame) -> Sheet:
+def sheet_of(frame: DataFrame) -> Sheet:
     """The table of a DataFrame; rows are counted from 0."""
     return Sheet(
         "the frame", tuple(map(str, frame.columns)), frame.to_numpy().tolist(), range(len(frame))

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy
@@ -17,9 +17,11 @@ from stochvi.results.base import (
     COMMON,
     RESPONSE_QUANTITIES,
     CoordinateResponse,
+    DataFrame,
     PairResponse,
     Response,
     Result,
+    frame_of,
 )
 from stochvi.results.errors import StochviError
 from stochvi.results.estimates import (
@@ -57,10 +59,6 @@ from stochvi.verification.testing.problems import (
     split,
     truths_of,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 # ------------------------------------------------------------------------------
 # Comparison of a sampled number with the truth, by the errors that it states.
@@ -833,11 +831,9 @@ class Judgement(Result):
     def _remarks(self) -> Sequence[str]:
         return [*(f"looks like: {hint}" for hint in self.hints), *self.warnings]
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self) -> DataFrame:
         """One row per finding."""
-        import pandas as pd
-
-        return pd.DataFrame([vars(row) for row in self.findings])
+        return frame_of(self.findings)
 
 
 def _in_words(row: Finding) -> str:

@@ -20,7 +20,7 @@ from stochvi.mathematics.units import (
     Size,
     spoken_mission,
 )
-from stochvi.results.base import Response, is_speed, named_with_units, plain
+from stochvi.results.base import DataFrame, Response, is_speed, named_with_units, plain, stacked
 from stochvi.results.estimates import GAUSSIAN_95, spoken_percent
 from stochvi.results.files import Origin, origin_of
 from stochvi.views.files import try_picture, write_table
@@ -70,8 +70,6 @@ from stochvi.views.tables import (
 )
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from stochvi.isolators.sizing.answer import Sizing, Target
     from stochvi.isolators.sizing.review import (
         Balance,
@@ -342,7 +340,7 @@ def write_report(
     origin: Origin | None = None,
     *,
     review: Review | None = None,
-    sensitivity: pd.DataFrame | None = None,
+    sensitivity: DataFrame | None = None,
 ) -> Path:
     """Write `report.html`, and its numbers and tables as files; returns the path of the page.
 
@@ -390,19 +388,17 @@ def write_report(
     return path
 
 
-def _evidence_table(sizing: Sizing) -> pd.DataFrame | None:
+def _evidence_table(sizing: Sizing) -> DataFrame | None:
     """All estimates of the simulations, each with the clearance to which it belongs."""
-    import pandas as pd
-
     frames = [answer.to_frame().assign(at=name) for name, answer in sizing.evidence.items()]
-    return pd.concat(frames) if frames else None
+    return stacked(frames) if frames else None
 
 
 def sizing_page(
     sizing: Sizing,
     origin: Origin,
     review: Review | None = None,
-    sensitivity: pd.DataFrame | None = None,
+    sensitivity: DataFrame | None = None,
 ) -> Page:
     """The page of a sizing; that of one mass needs its review."""
     told, number = sizing_told(sizing, sensitivity), len(sizing.pairs)
