@@ -4,6 +4,7 @@ times; a scene over ranges of its keys."""
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -186,6 +187,7 @@ def sweep(
     --dask ADDRESS  Simulate on a Dask cluster.
     --budget TIME (time)  Time for each row: N rows take up to N times this [60; none with --paths].
     """
+    from stochvi.methods.replay.recorded_motion import doubts_of
     from stochvi.scenes.scene import load_scene
     from stochvi.sweeps import once, values_of
     from stochvi.sweeps import sweep as solve
@@ -229,6 +231,8 @@ def sweep(
     # of the scene as it stands; a row may change what its record moves
     record, judged_in = (None, "") if method == "replay" else judged_phase(loaded)
     options.say(record_told(record, judged_in), sweep_told(table, list(ranges), method))
+    for doubt in doubts_of(loaded) if method == "replay" else ():
+        warnings.warn(doubt, stacklevel=2)
     if options.out is not None:
         write_sweep(table, list(ranges), options.out, loaded.title)
     fail_unless_gaussian(record)

@@ -194,7 +194,11 @@ def argument_checker(function: Callable[..., Any]) -> Callable[..., inspect.Boun
     signature, checks = inspect.signature(function), _checks_of(function)
 
     def check(*args: Any, **kwargs: Any) -> inspect.BoundArguments:
-        bound = signature.bind(*args, **kwargs)
+        try:
+            bound = signature.bind(*args, **kwargs)
+        except TypeError as reason:
+            got = str(reason).replace("too many", "got too many")
+            raise TypeError(f"{function.__name__}() {got}") from None
         given = bound.arguments
         for name, (raise_if_wrong, optional) in checks.items():
             if name in given and not (optional and given[name] is None):

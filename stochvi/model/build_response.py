@@ -615,8 +615,8 @@ def build_response(
         Assumptions and warnings of the method, which follow those of the scene.
     """
     model = model_of(scene)
-    # the notes hold for the response to noise alone, not for a scene with sines
-    notes = [] if model.sines else scene_notes(model)
+    # those on the motion hold for the response to noise alone, not for a scene with sines
+    notes = [*model.cautions] if model.sines else scene_notes(model)
     return Response(
         method=method,
         coordinates={**coordinates, **_of_followers(model, coordinates)},

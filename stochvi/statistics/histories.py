@@ -446,6 +446,7 @@ def history(
         meanings=meanings,
         assumptions=scene.assumptions(),
         warnings=[
+            *model.cautions,
             *_departures(usual, source, duration, finer),
             *_slow_impacts(planned.plan, source),
             *_cut(model, columns, source.step),

@@ -545,8 +545,14 @@ def test_parts_that_users_make_and_call_name_a_wrong_argument() -> None:
             call()
     # what they can take is taken, whatever the annotation says
     assert law.force_at(np.float32(1e-3)) == pytest.approx(100.0)
-    with pytest.raises(TypeError, match="missing a required argument"):
-        law.impact()
+    for wrong, words in (
+        (lambda: law.impact(), "impact() missing a required argument: 'speed'"),
+        (lambda: stochvi.screen(lossy(), level=3.0),
+         "screen() got an unexpected keyword argument 'level'"),
+        (lambda: lossy().at_level(1.0, 2.0), "at_level() got too many positional arguments"),
+    ):  # fmt: skip
+        with pytest.raises(TypeError, match=f"^{re.escape(words)}$"):
+            wrong()
 
 
 def test_names_of_parts_in_files_are_those_of_one_class() -> None:

@@ -8,9 +8,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.io import savemat
 
-from stochvi import RecordedNoise, SceneError, TabulatedNoise, linearise, replay, screen
+from stochvi import (
+    RecordedNoise,
+    SceneError,
+    Sine,
+    TabulatedNoise,
+    damage,
+    history,
+    linearise,
+    replay,
+    screen,
+)
+from stochvi.cli import main
 from stochvi.mathematics.spectra import MOST_BREAKPOINTS, response_moments
 from stochvi.results.deadline import Deadline, of_command
 from stochvi.results.errors import NotConverged
@@ -292,8 +304,21 @@ def test_every_answer_from_a_record_that_is_cut_off_says_so(tmp_path: Path) -> N
     for limit in (2.0 * values.std(), math.inf):
         np.savetxt(tmp_path / "run.csv", np.clip(values, -limit, limit))
         scene = load_scene(tmp_path / "scene.toml")
-        for notes in (screen(scene).notes, replay(scene).warnings, linearise(scene).warnings):
+        beside = scene.replace(
+            excitations=[*scene.excitations, Sine(on="base", amplitude=1.0, frequency_hz=30.0)]
+        )
+        for notes in (
+            screen(scene).notes,
+            replay(scene).warnings,
+            linearise(scene).warnings,
+            linearise(beside).warnings,
+            damage(scene, equipment=np.array([30.0]), way="record").warnings,
+            history(scene, duration=1.0).warnings,
+        ):
             assert any("is cut off at its largest" in note for note in notes) == (limit < 1e9)
+        ask = ["sweep", str(tmp_path / "scene.toml"), "--vary", "structure.zeta=0.1:0.2:2"]
+        done = CliRunner().invoke(main, [*ask, "--method", "replay"])
+        assert done.exit_code == 0 and ("is cut off at its" in done.stderr) == (limit < 1e9)
 
 
 # files of loggers ---------------------------------------------------------------------------

@@ -546,9 +546,7 @@ def replay(
         ),
         warnings=(
             *_without_samples(numbers, keep),
-            *dict.fromkeys(
-                doubt for each in records_of(scene, model) for doubt in each.noise.doubts()
-            ),
+            *doubts_of(scene),
             *_without_mean(scene, model, found[-1]),
         ),
         cost=Cost(
@@ -793,6 +791,12 @@ def _histories(
         acceleration=columns("acceleration", model.outputs),
         force=columns("force", owners),
     )
+
+
+def doubts_of(scene: Scene) -> list[str]:
+    """Sentences on what makes the records of a scene doubtful themselves, such as a cut-off."""
+    records = (each for each in scene.excitations if isinstance(each, RecordedNoise))
+    return list(dict.fromkeys(doubt for each in records for doubt in each.doubts()))
 
 
 def _without_samples(numbers: int, keep: bool) -> list[str]:

@@ -19,7 +19,13 @@ from stochvi.methods.monte_carlo.choose_plan import HistoryPlan, check_price, pl
 from stochvi.methods.monte_carlo.kernels.records import BEFORE, NODES
 from stochvi.methods.replay.kernel import SPEED, STOP, TIME
 from stochvi.methods.replay.march import Motion, integrate, rest_of
-from stochvi.methods.replay.recorded_motion import assumptions_of, records_of, shaking_of, unmet
+from stochvi.methods.replay.recorded_motion import (
+    assumptions_of,
+    doubts_of,
+    records_of,
+    shaking_of,
+    unmet,
+)
 from stochvi.model.coverage import free_motion, modulated, nonlinear, rubbing
 from stochvi.model.model import Model, Pair, Stop, model_of
 from stochvi.results.base import ROTATIONS
@@ -474,10 +480,10 @@ class _Question:
         half_rate = with_stops.half_rate
         return replace(
             found,
-            warnings=[
+            warnings=doubts_of(self.scene) + ([
                 f"the record says nothing above {half_rate:.4g} Hz, half its sampling rate: faster "
                 "equipment answers to the straight lines between its samples"
-            ] if self.equipment.frequency_hz[-1] > half_rate else [],
+            ] if self.equipment.frequency_hz[-1] > half_rate else []),
             assumptions=(
                 "the mission repeats this record: another one of the same road differs",
                 *(each[0].lower() + each[1:].rstrip(".") for each in known),
