@@ -23,7 +23,7 @@ import lazy_loader
 
 from stochvi.results.plots import register
 
-_lazy_getattr, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_lazy_getattr, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
@@ -37,6 +37,10 @@ def __getattr__(name: str) -> Any:
             if name in room.__all__:
                 return getattr(room, name)
     return _lazy_getattr(name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*__all__}.union(*(room.__all__ for room in _rooms(__name__, __all__))))
 
 
 def _rooms(package: str, names: list[str]) -> Iterator[ModuleType]:

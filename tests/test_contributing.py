@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import builtins
 import importlib
+import inspect
 import keyword
 import os
 import pkgutil
@@ -25,6 +26,7 @@ import pytest
 from hatchling.build import build_wheel
 
 import stochvi
+from stochvi.results.base import Result
 from stochvi.scenes.datasets import shipped_scene
 from support import CHECKOUT, words
 from support.accuracies import quick_cases
@@ -230,6 +232,31 @@ def test_programs_find_the_names_that_were_at_the_top_once(room: str, name: str)
     package = importlib.import_module(f"stochvi.{room}")
     assert getattr(stochvi, name) is getattr(package, name)
     assert name not in stochvi.__all__
+    assert name in dir(stochvi)
+
+
+def test_every_name_that_is_listed_is_found() -> None:
+    assert {*stochvi.__all__, "Duffing", "Pulses", "Statistic", "judge"} <= {*dir(stochvi)}
+    for name in dir(stochvi):
+        assert getattr(stochvi, name) is not None
+
+
+LONGEST_SIGNATURE, LONGEST_OF_ANSWER = 700, 1100
+"""Letters of the signature with which the help on a public name begins: nine lines of a terminal.
+Answers have more fields, and users make none."""
+
+
+@pytest.mark.parametrize("name", sorted(dir(stochvi)))
+def test_help_begins_with_a_signature_that_fits_on_a_screen(name: str) -> None:
+    public = getattr(stochvi, name)
+    own = vars(public) if isinstance(public, type) else {}
+    for each in [public, *(function for key, function in own.items() if key[0] != "_")]:
+        kind = each if isinstance(each, type) else object
+        if callable(each) and not issubclass(kind, Exception | dict):  # Python tells none of these
+            of_answer = issubclass(kind, Result)
+            signature = str(inspect.signature(each))
+            assert len(signature) < (LONGEST_OF_ANSWER if of_answer else LONGEST_SIGNATURE)
+            assert "Validator" not in signature
 
 
 @pytest.mark.slow

@@ -42,6 +42,7 @@ from stochvi.results.errors import (
 )
 from stochvi.results.files import call_of
 from stochvi.scenes.scene import Scene
+from stochvi.scenes.validation import Spelt
 
 # ------------------------------------------------------------------------------
 # What public calculations share: arguments are checked, progress is shown, a budget ends them, and
@@ -71,7 +72,8 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
     ends it (see `ended_by`); messages name this budget also where a part of it has run out. An
     answer, also one that falls short, records the call in its provenance.
     """
-    check, parameters = argument_checker(function), inspect.signature(function).parameters
+    check, signature = argument_checker(function), inspect.signature(function)
+    parameters = signature.parameters
     budget = parameters.get("budget")
 
     @functools.wraps(function)
@@ -118,6 +120,9 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
         call = call_of(function.__name__, {**defaults, **given})
         return replace(answer, provenance={**answer.provenance, "call": call})
 
+    spelt = [each.replace(annotation=Spelt(each.annotation)) for each in parameters.values()]
+    returned = Spelt(signature.return_annotation)
+    run.__signature__ = inspect.Signature(spelt, return_annotation=returned)  # type: ignore[attr-defined]
     return run
 
 

@@ -199,7 +199,7 @@ class _Keyed(ModelMetaclass):
                 name,
                 inspect.Parameter.KEYWORD_ONLY,
                 default=inspect.Parameter.empty if field.is_required() else field.default,
-                annotation=_Spelt(_spelling(field.annotation)),
+                annotation=Spelt(_spelling(field.annotation)),
             )
             for name, field in cls.model_fields.items()
             if name != "kind"
@@ -211,7 +211,7 @@ class _Keyed(ModelMetaclass):
         """Pydantic sets its own when it builds a class."""
 
 
-class _Spelt(str):
+class Spelt(str):
     """The words of an annotation, which `help` shows as they are."""
 
     __repr__ = str.__str__
@@ -225,6 +225,9 @@ def _spelling(annotation: Any) -> str:
     if kind is Literal:
         return " | ".join(map(repr, inner))
     if kind in (Union, UnionType):
+        if len(inner) > MOST_KINDS:
+            kinds: list[tuple[type, ...]] = [each.__mro__ for each in inner]
+            return next(each.__name__ for each in kinds[0] if all(each in own for own in kinds))
         return " | ".join(dict.fromkeys(map(_spelling, inner)))
     if kind is tuple and inner[-1] is Ellipsis:
         return f"tuple[{_spelling(inner[0])}, ...]"
@@ -233,6 +236,9 @@ def _spelling(annotation: Any) -> str:
     name = getattr(kind or annotation, "__name__", str(annotation))
     return f"{name}[{', '.join(map(_spelling, inner))}]" if inner and kind in GENERIC else name
 
+
+MOST_KINDS = 10
+"""Most kinds of a part that an annotation lists; of more it tells the class that they share."""
 
 GENERIC = (tuple, list, dict)
 """Classes whose values an annotation tells."""

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import BaseModel
 
 from stochvi import Matrices, exact, screen
 from stochvi.model.model import model_of
@@ -87,10 +88,20 @@ def test_the_signature_of_a_part_is_its_keys_on_ten_lines(kind: type[Checked]) -
     assert "Annotated" not in str(signature) and "Validator" not in str(signature)
 
 
-def test_a_part_lists_names_of_its_own_alone() -> None:
-    listed = dir(Isolator(frequency_hz=12.0, zeta=0.1))
-    assert {"frequency_hz", "replace", "omega"} <= set(listed)
-    assert not {"model_dump", "dict", "json", "construct", "model_config"} & set(listed)
+@pytest.mark.parametrize(
+    "kind", [each for each in PARTS if not inspect.isabstract(each)], ids=lambda kind: kind.__name__
+)
+def test_a_part_lists_names_of_its_own_alone(kind: type[Checked]) -> None:
+    listed = set(dir(kind.model_construct()))
+    assert {"replace", *kind.model_fields} <= listed
+    assert not set(dir(BaseModel)) & listed
+    assert not {name for name in listed if name.startswith(("model_", "parse_", "_"))}
+
+
+def test_what_pydantic_gives_to_a_part_works_and_is_not_listed() -> None:
+    mount = Isolator(frequency_hz=12.0, zeta=0.1)
+    assert mount.model_copy() == Isolator.model_validate(mount.model_dump()) == mount
+    assert "omega" in dir(mount) and "model_copy" not in dir(mount)
 
 
 def test_what_is_replaced_is_checked():
