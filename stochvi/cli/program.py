@@ -239,7 +239,7 @@ def _stop_for(error: BaseException) -> NoReturn:
     if isinstance(error, OSError):
         named = f"{error.filename}: " if error.filename else ""
         if error.errno in FULL:
-            stop(f"{named}{reason_of(error)}; the answer was found, but this was not written; make "
+            stop(f"{named}{reason_of(error)}; the work is done, but this was not written; make "
                  "room, or name another place", FAILED)  # fmt: skip
         stop(f"{named}{reason_of(error)}", BAD_INPUT)
     raise error

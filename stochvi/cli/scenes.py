@@ -290,9 +290,8 @@ def profiles() -> None:
 )  # fmt: skip
 def new(file: Path, kind: str) -> None:
     """Write a commented scene file to start from."""
-    import shutil
-
     from stochvi.cli.program import check_file_target
+    from stochvi.results.files import write_whole
     from stochvi.scenes.datasets import scene_files
     from stochvi.views.files import write_text
 
@@ -304,7 +303,7 @@ def new(file: Path, kind: str) -> None:
         check_file_target("FILE", target, ())
     write_text(shipped[0].read_text("utf-8") if shipped else TEMPLATE, file)
     for table in tables:
-        shutil.copy(table, file.parent)
+        write_whole(table.read_bytes(), file.parent / table.name)
     written = ", ".join(str(path) for path in (file, *(file.parent / t.name for t in tables)))
     try_it = {
         "any": f"check {file}",

@@ -27,6 +27,7 @@ from stochvi.results.deadline import in_command
 from stochvi.results.errors import SceneError
 from stochvi.results.estimates import jackknife_error
 from stochvi.scenes.readers import TIME_RESPONSE, Columns, read_columns
+from stochvi.scenes.text_tables import out_of_order
 
 FEWEST_SAMPLES = 256
 """Smallest number of samples of a record: the segments of a shorter one would resolve nothing."""
@@ -577,7 +578,7 @@ def _sampling(
         row = int(np.argmax(steps < -UNEVEN * interval)) + 1
         raise SceneError(
             f"{path}, {columns.place(row)}: times must rise, got {times[row]:.9g} s after "
-            f"{times[row - 1]:.9g} s; sort the rows, or cut the record there"
+            f"{times[row - 1]:.9g} s; {out_of_order(times, 'cut the record there')[1]}"
         )
     apart = steps > 1.5 * interval + np.maximum(digits[1:], digits[:-1])
     segment = np.concatenate([[0], np.cumsum(apart)])

@@ -842,6 +842,8 @@ class TextTable:
                 f"{got} in a file with decimal commas; write one decimal sign, and no sign between "
                 "thousands"
             )
+        if re.fullmatch(r"[\d.,]+\s*(?:[-\u2013]|to|bis)\s*[\d.,]+", cell):
+            return SceneError(f"{got}; write its two ends in rows of their own")
         return SceneError(f"{got}; mend it, or begin the line with # to leave it out")
 
 
@@ -878,6 +880,22 @@ def all_columns(table: TextTable, names: Sequence[str]) -> tuple[Vector, ...]:
                 f"{path}, line {line}: a number is missing; mend the line or leave it out"
             )
     return tuple(columns)
+
+
+def out_of_order(values: Vector, cut: str) -> tuple[int, str]:
+    """The first row whose value is out of order, and what to do: `cut` where another table or run
+    begins, which sorting would mix with the first one, or else to sort.
+
+    >>> out_of_order(np.array([1.0, 2.0, 3.0, 1.0, 2.0, 3.0]), "keep one table")
+    (3, 'keep one table, as a second one seems to begin there')
+    """
+    steps = np.diff(values)
+    # most fall: several tables in descending order
+    rising = -values if np.sum(steps < 0.0) > np.sum(steps > 0.0) else values
+    rows = np.flatnonzero(np.diff(rising) < 0.0) + 1
+    if rows[0] > 1 and rows[-1] + 1 < len(values) and np.all(rising[rows] <= rising[1]):
+        return int(rows[0]), f"{cut}, as a second one seems to begin there"
+    return int(rows[0]), f"sort the rows, or {cut} if a second one begins there"
 
 
 def decoded(path: Path, largest: int | None = None) -> str:

@@ -805,9 +805,24 @@ def test_a_disk_that_is_full_costs_the_file_and_not_the_answer(stochvi: Run, tmp
     scene = scene_in(tmp_path)
     code, text, errors = stochvi("exact", scene, "--json", "/dev/full")
     assert code == 1 and errors.startswith(
-        "stochvi: /dev/full: no space left on device; the answer"
+        "stochvi: /dev/full: no space left on device; the work is done"
     )
     assert text.split("cost:")[0] == stochvi("exact", scene)[1].split("cost:")[0] != ""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no limit of the sizes of files")
+def test_the_file_that_does_not_fit_is_named_and_not_its_source(stochvi: Run, tmp_path: Path):
+    import resource
+
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, usual[1]))
+    try:
+        code, _, errors = stochvi("new", tmp_path / "box.toml", "--kind", "potholes")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+    table = tmp_path / "truck-potholes.csv"
+    assert code == 1 and errors.startswith(f"stochvi: {table}: file too large; the work is done")
+    assert not table.exists()
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows makes links for administrators alone")

@@ -439,6 +439,11 @@ def test_times_that_go_back_are_refused_with_the_place(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"line 2001: times must rise, got 0 s after 4.99"):
         RecordedNoise(file=path, unit="g")
     path = write_rows(tmp_path / "run.csv", [f"{t:.4f}" for t in exact[::-1]], record.values)
+    values = white_record(1.0).values
+    run = np.column_stack([np.arange(len(values)) / FS, values])
+    np.savetxt(tmp_path / "two.csv", np.concatenate([run, run]))
+    with pytest.raises(SceneError, match=r"; cut the record there, as a second one seems to beg"):
+        read_record(tmp_path / "two.csv")
     with pytest.raises(SceneError, match="sort the rows by time"):
         RecordedNoise(file=path, unit="g")
     # seconds since 1970 have more digits than a thousandth of a second

@@ -651,6 +651,14 @@ def test_rows_in_descending_order_and_rows_without_density_at_the_ends(tmp_path:
     assert_same(noise(tmp_path, "\n".join([ROWS[0], *ROWS]), unit="g2/Hz"))
 
 
+def test_a_table_from_0_hz_may_have_two_rows_or_begin_with_0(tmp_path: Path) -> None:
+    flat = noise(tmp_path, "0 0.02\n100 0.02\n", unit="g2/Hz").table
+    # it begins at a thousandth of the next frequency
+    assert flat.mean_square() == pytest.approx(0.999 * 2.0 * STANDARD_GRAVITY**2, rel=2e-4)
+    rising = noise(tmp_path, "0 0\n50 0.02\n100 0.02\n", unit="g2/Hz").table
+    assert rising.mean_square() == pytest.approx(1.5 * STANDARD_GRAVITY**2, rel=2e-4)
+
+
 @pytest.mark.parametrize("decibels", [False, True])
 def test_a_table_that_begins_at_0_hz_has_its_energy_up_to_the_next_row(
     tmp_path: Path, decibels: bool
@@ -685,9 +693,23 @@ def test_a_column_of_slopes_is_a_remark(tmp_path: Path) -> None:
     assert_same(noise(tmp_path, "\n".join(rows), unit="g2/Hz"))
 
 
+@pytest.mark.parametrize("band", ["20-80", "20 to 80", "20\u201380", "20 - 80"])
+def test_a_band_in_place_of_a_frequency_is_to_be_written_as_two_rows(
+    tmp_path: Path, band: str
+) -> None:
+    with pytest.raises(SceneError, match=r"line 2: .* got '20.*80'; write its two ends in rows"):
+        noise(tmp_path, f"20,0.01\n{band},0.04\n80,0.04\n350,0.04\n", unit="g2/Hz")
+
+
 def test_two_tables_in_one_file_are_not_to_be_sorted_into_one(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"line 5: .*; keep one table, as a second one seems"):
         noise(tmp_path, "\n".join([*ROWS, *ROWS]), unit="g2/Hz")
+    with pytest.raises(SceneError, match=r"line 5: .*; keep one table, as a second one seems"):
+        noise(tmp_path, "\n".join(2 * list(reversed(ROWS))), unit="g2/Hz")
+    with pytest.raises(SceneError, match=r"line 5: .*; sort the rows, or keep one table if"):
+        noise(tmp_path, "\n".join([*ROWS, "30;0,1", "90;0,1"]), unit="g2/Hz")
+    with pytest.raises(SceneError, match=r"line 5: .*; keep one table, as a second one seems"):
+        noise(tmp_path, "\n".join(3 * [*ROWS]), unit="g2/Hz")
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ from stochvi.scenes.excitations.base import (
     unread_unit,
 )
 from stochvi.scenes.readers import LARGEST_DATA_FILE, Columns, read_columns
-from stochvi.scenes.text_tables import as_text, decoded
+from stochvi.scenes.text_tables import as_text, decoded, out_of_order
 from stochvi.scenes.validation import (
     Band,
     Checked,
@@ -1054,15 +1054,12 @@ def cleaned(columns: Columns, path: Path, decibels: bool) -> tuple[Columns, tupl
         order = order[::-1]
         notes.append("its rows are in descending order and were reversed")
     frequency, density = frequency[order], density[order]
-    falls = np.diff(frequency) < 0.0
-    if falls.any():
-        row = int(np.argmax(falls)) + 1
-        anew = falls.sum() == 1 and 1 < row < len(falls) and frequency[row] <= frequency[1]
+    if np.any(np.diff(frequency) < 0.0):
+        row, remedy = out_of_order(frequency, "keep one table")
         raise refuse(
             row,
             "needs increasing frequency_hz (twice the same for a step), got "
-            f"{frequency[row - 1]:g} before {frequency[row]:g}; "
-            + ("keep one table, as a second one seems to begin there" if anew else "sort the rows"),
+            f"{frequency[row - 1]:g} before {frequency[row]:g}; {remedy}",
         )
     for name, values, remedy in (
         ("frequency_hz", frequency, "take out the line"),
@@ -1121,10 +1118,10 @@ def cleaned(columns: Columns, path: Path, decibels: bool) -> tuple[Columns, tupl
 def _from_zero(frequency: Vector, density: Vector, decibels: bool) -> tuple[Vector, Vector] | None:
     """Breakpoints of a straight line from a row at 0 Hz to the next one, which a table on
     logarithmic axes cannot begin with; None where there is no such row, or it is an offset."""
-    if len(frequency) < 3 or frequency[0] != 0.0 or frequency[1] == 0.0:
+    if len(frequency) < 2 or frequency[0] != 0.0 or frequency[1] == 0.0:
         return None
     first, following = 10.0 ** (density[:2] / 10.0) if decibels else density[:2]
-    if not 0.0 < first <= OFFSET * following:
+    if not 0.0 <= first <= OFFSET * following or not following:
         return None
     share = np.geomspace(NEAR_ZERO, 1.0, POINTS_FROM_ZERO)[:-1]
     heights = first + share * (following - first)
