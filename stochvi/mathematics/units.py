@@ -194,11 +194,7 @@ def argument_checker(function: Callable[..., Any]) -> Callable[..., inspect.Boun
     signature, checks = inspect.signature(function), _checks_of(function)
 
     def check(*args: Any, **kwargs: Any) -> inspect.BoundArguments:
-        try:
-            bound = signature.bind(*args, **kwargs)
-        except TypeError as reason:
-            got = str(reason).replace("too many", "got too many")
-            raise TypeError(f"{function.__name__}() {got}") from None
+        bound = bound_to(signature, function.__name__, *args, **kwargs)
         given = bound.arguments
         for name, (raise_if_wrong, optional) in checks.items():
             if name in given and not (optional and given[name] is None):
@@ -210,6 +206,17 @@ def argument_checker(function: Callable[..., Any]) -> Callable[..., inspect.Boun
         return bound
 
     return check
+
+
+def bound_to(
+    signature: inspect.Signature, function: str, /, *args: Any, **kwargs: Any
+) -> inspect.BoundArguments:
+    """The arguments of a call, as `Signature.bind` finds them; its TypeError names the function."""
+    try:
+        return signature.bind(*args, **kwargs)
+    except TypeError as reason:
+        got = str(reason).replace("too many", "got too many")
+        raise TypeError(f"{function}() {got}") from None
 
 
 def checked(function: Callable[P, T]) -> Callable[P, T]:

@@ -15,7 +15,7 @@ from typing import Any, Generic, ParamSpec, TypeVar, overload
 
 import numpy as np
 
-from stochvi.mathematics.units import plain_number
+from stochvi.mathematics.units import bound_to, plain_number
 from stochvi.results.deadline import Deadline, Progress, part_of, stood_still
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.estimates import Cost
@@ -297,7 +297,7 @@ def sampled(calculate: Any = None, **defaults: Any) -> Any:
 
     @functools.wraps(calculate)
     def run(*args: Any, **given: Any) -> Any:
-        bound = signature.bind(*args, **given)
+        bound = bound_to(signature, calculate.__name__.lstrip("_"), *args, **given)
         bound.apply_defaults()
         named = dict(bound.arguments)
         named |= {name: each for name, each in defaults.items() if named[name] is None}

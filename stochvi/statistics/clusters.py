@@ -21,6 +21,7 @@ from stochvi.mathematics.unsteady_noise import Crossings, Sines
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.choose_plan import GapResponse, shaken_by_tables, unmet
 from stochvi.methods.monte_carlo.kernels.records import motions_around
+from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import Model, model_of
@@ -582,8 +583,9 @@ class Bursts:
         of some outputs, by default of all."""
         if is_speed(name):
             return np.asarray(self.fastest.max(axis=0))
-        known = self.outputs
-        rows = [known.index(each) for each in (known if outputs is None else outputs)]
+        rows = _rows("outputs", self.outputs if outputs is None else outputs, self.outputs)
+        if not rows:
+            raise NotApplicable("peak_acceleration", [NEEDS_FORCE])
         return np.asarray(self.sharpest[rows].max(axis=0))
 
     def exceedance_rate(
@@ -594,7 +596,7 @@ class Bursts:
 
     def _pairs(self, pair: str | None) -> list[int]:
         """Rows of one pair, or of all."""
-        return [*range(len(self.pairs))] if pair is None else [self.pairs.index(pair)]
+        return _rows("pair", self.pairs if pair is None else [pair], self.pairs)
 
     def _rate(self, what: Vector) -> Estimate:
         """`first_rate` times the mean of `what` in a cluster, without what new clusters add to the
@@ -651,6 +653,14 @@ class Bursts:
         )
         value, error = jackknife_ratio(top, bottom)
         return Estimate(value=value, standard_error=error, how=f"{len(self.path)} clusters")
+
+
+def _rows(name: str, chosen: Sequence[str], known: Sequence[str]) -> list[int]:
+    """Rows of chosen names, or a sentence with the known ones."""
+    for each in chosen:
+        if each not in known:
+            raise ValueError(f"{name} must be among {', '.join(known) or 'none'}, got {each!r}")
+    return [known.index(each) for each in chosen]
 
 
 def chance_of(rate: Estimate, mission: float, reach: float = 0.0) -> Estimate:

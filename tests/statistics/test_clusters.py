@@ -375,6 +375,24 @@ def test_a_rare_chance_has_the_relative_biases_of_its_rate_and_of_the_ends_of_a_
     assert found.bias == pytest.approx((0.02 + 0.03) * 1e-4, rel=2e-4)
 
 
+def test_names_that_clusters_do_not_have_are_refused_in_sentences() -> None:
+    rigid = bursts(unit(4.0, Restitution(coefficient=0.5)), rel_error=0.5, seed=1)
+    with pytest.raises(NotApplicable, match="a restitution alone does not give a force"):
+        rigid.largest("peak_acceleration")
+    with pytest.raises(ValueError, match=r"^outputs must be among none, got 'y'$"):
+        rigid.exceedance_rate("peak_acceleration", 1.0, ["y"])
+    soft = bursts(unit(4.0, Elastic(stiffness=1e4)), rel_error=0.5, seed=1)
+    with pytest.raises(ValueError, match=r"^outputs must be among x, got 'y'$"):
+        soft.largest("peak_acceleration", ["y"])
+    for ask in (soft.hit_rate, soft.impact_speed_mean):
+        with pytest.raises(ValueError, match=r"^pair must be among .*, got 'left'$"):
+            ask("left")
+    with pytest.raises(
+        TypeError, match=r"^bursts\(\) got an unexpected keyword argument 'mission'"
+    ):
+        bursts(unit(4.0, Elastic(stiffness=1e4)), mission=3.0)  # type: ignore[call-arg]
+
+
 @pytest.mark.parametrize("event", ["impact_energy", "hit"])
 def test_an_event_that_is_not_known_is_refused_and_not_taken_for_another(event: str) -> None:
     scene = unit(4.0, Elastic(stiffness=1e4))
