@@ -277,7 +277,7 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
         ("simulate", {"rich", "numba"}),
         (
             "size --probability 0.05 --mission 60 --rel-error 0.2",
-            {"rich", "scipy.optimize", "numba", "pandas"},
+            {"rich", "scipy.optimize", "numba"},
         ),
     ],
     keep=(0, 1, 3, 4, 5),

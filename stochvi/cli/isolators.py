@@ -21,12 +21,12 @@ from stochvi.cli.options import (
     tolerances_of,
 )
 from stochvi.cli.program import FAILED, stop
-from stochvi.results.base import DataFrame
 
 if TYPE_CHECKING:
     from stochvi.isolators import Sizing
     from stochvi.mathematics.numerics import Vector
     from stochvi.methods.replay import Replay
+    from stochvi.results.base import DataFrame
     from stochvi.scenes.scene import Scene
 
 
@@ -204,7 +204,7 @@ def screen(question: Question) -> Show:
     """Find the motion without stops: rms, 3 sigma, Rice."""
 
     def show(found: Any) -> None:
-        question.show(found, document={"method": "screen", **found.to_dict()})
+        question.show(found, document=lambda own: {"method": "screen", **own})
 
     return show
 
@@ -343,10 +343,9 @@ def size(question: Question) -> Show:
             )  # fmt: skip
 
     def show(answer: Sizing) -> None:
-        fell_short, document, table = [*answer.fell_short], answer.to_dict(), None
+        fell_short, table = [*answer.fell_short], None
         if sensitivity:
             table = changed(answer)
-            document |= {"sensitivity": plain(table)}
             fell_short.extend(
                 f"--sensitivity, {change}: {note}"
                 for change, note in zip(table["change"], table["note"], strict=True)
@@ -355,7 +354,10 @@ def size(question: Question) -> Show:
         if fell_short:
             more = f" (and {len(fell_short) - 1} more)" if len(fell_short) > 1 else ""
             question.unmet.append(f"not as accurate as asked for: {fell_short[0]}{more}")
-        question.show(answer, lambda: reviewed(answer, table), document=document, sensitivity=table)
+        question.show(
+            answer, lambda: reviewed(answer, table), sensitivity=table,
+            document=lambda own: own if table is None else own | {"sensitivity": plain(table)},
+        )  # fmt: skip
 
     def reviewed(answer: Sizing, table: DataFrame | None) -> dict[str, Any]:
         from stochvi.isolators.sizing.review import ReviewSettings, review

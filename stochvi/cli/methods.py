@@ -390,8 +390,8 @@ def reliability(question: Question) -> Show:
 
     def show(answer: Reliability) -> None:
         units = [units_of(answer)] if spreads else []
-        document = answer.to_dict() | ({"production": units[0].to_dict()} if units else {})
-        question.show(answer, lambda: beside(*units), document=document)
+        more = {"production": units[0].to_dict()} if units else {}
+        question.show(answer, lambda: beside(*units), document=lambda own: own | more)
         options.say(*map(production_told, units))
 
     def beside(units: Production | None = None) -> dict[str, Any]:

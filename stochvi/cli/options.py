@@ -169,17 +169,19 @@ class Common:
         return progress_bar(self.quiet, title)
 
     def show(
-        self, found: Any, scene: Scene | None = None, *, document: Mapping[str, Any] | None = None,
+        self, found: Any, scene: Scene | None = None, *,
+        document: Callable[[dict[str, Any]], dict[str, Any]] = lambda own: own,
         verdict: tuple[RecordVerdict | None, str] = (None, ""), **words: Any,
     ) -> None:  # fmt: skip
         """Show an answer as the options ask: its JSON document, what is told of it, its tables and
-        its picture under the title of the scene. `words` are for its description alone."""
+        its picture under the title of the scene. `document` changes the document of the answer
+        alone, and `words` are for its description alone."""
         from stochvi.views.files import write_table
         from stochvi.views.pictures import view_of
 
         view = view_of(found)
-        document = found.to_dict() if document is None else document
-        self.tell(document, lambda: [view.tell(found, **words)], *verdict)
+        known = {} if self.json_file is None else document(found.to_dict())
+        self.tell(known, lambda: [view.tell(found, **words)], *verdict)
         if self.out is None:
             return
         for name, table in view.files(found).items():

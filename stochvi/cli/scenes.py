@@ -12,7 +12,6 @@ import click
 from stochvi.cli.declared import command
 from stochvi.cli.options import Common
 from stochvi.cli.program import BAD_INPUT, FAILED, console_for, main, progress_bar, stop
-from stochvi.results.base import frame_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -275,7 +274,7 @@ def profiles() -> None:
         }
         for profile in shipped().values()
     ]
-    table = Grid.of("profiles, g rms as stated and recomputed", frame_of(rows))
+    table = Grid.of("profiles, g rms as stated and recomputed", rows)
     print_told(console_for(None), Told(sections=[Section(grids=[table])]))
 
 

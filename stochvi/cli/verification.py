@@ -10,7 +10,6 @@ import click
 from stochvi.cli.declared import Question, command, declare
 from stochvi.cli.options import BUDGET, Common, shown
 from stochvi.cli.program import FAILED, stop
-from stochvi.results.base import frame_of
 
 if TYPE_CHECKING:
     from stochvi.verification.check import Check, Checks
@@ -144,6 +143,7 @@ def problems(options: Common, paths: int, relaxations: float) -> None:
     --paths (int) = 4096  Paths of each problem.
     --relaxations (float) = 20.0  Length of a path, in relaxation times.
     """
+    from stochvi.results.base import frame_of
     from stochvi.verification.testing.documents import (
         in_a_sentence,
         index_row,

@@ -434,11 +434,12 @@ class Screening(Result):
         """A table for people: a row per coordinate and point (millimetres and g unless other units
         are shown; thousandths of a radian, and rad/s^2, of a rotation), or the numbers of the only
         one in rows."""
-        if len(self.coordinates) == 1:
-            return self._only_in_rows()
-        return frame_of(self._row(name, each) for name, each in self.coordinates.items())
+        return frame_of(self.rows())
 
-    def _only_in_rows(self) -> DataFrame:
+    def rows(self) -> list[dict[str, str | float | None]]:
+        """The rows of that table."""
+        if len(self.coordinates) > 1:
+            return [self._row(name, each) for name, each in self.coordinates.items()]
         sigma = self.displacement_std
         rate = HOURLY(self.rice_rate(3.0 * sigma))
         rows = [
@@ -459,8 +460,8 @@ class Screening(Result):
             ("3 sigma clearance, per side", LENGTH(3.0 * sigma), str(LENGTH)),
             ("impacts on it by Rice, both sides", rate, f"per {HOURLY.time}"),
         ]
-        known = [row for row in rows if row[1] is not None]
-        return frame_of(known, columns=["quantity", "value", "unit"])
+        names = ("quantity", "value", "unit")
+        return [dict(zip(names, row, strict=True)) for row in rows if row[1] is not None]
 
     def _row(self, name: str, each: CoordinateScreening) -> dict[str, str | float | None]:
         shown = MILLIRADIANS, shown_as("rad/s"), shown_as("rad/s^2")
@@ -481,7 +482,11 @@ class Screening(Result):
     def gaps_to_frame(self) -> DataFrame:
         """A row per pair: millimetres, and impacts per hour by Rice, unless other units are
         shown."""
-        return frame_of(
+        return frame_of(self.rows_of_gaps())
+
+    def rows_of_gaps(self) -> list[dict[str, str | float]]:
+        """The rows of that table."""
+        return [
             {
                 "pair": name,
                 f"gap rms ({LENGTH})": LENGTH(gap.displacement_std),
@@ -493,7 +498,7 @@ class Screening(Result):
                 f"impacts on them per {HOURLY.time}": HOURLY(gap.rice_rate),
             }
             for name, gap in self.impact_pairs.items()
-        )
+        ]
 
     def summary(self) -> str:
         """The numbers of the tables in words; a record that does not agree with them is named

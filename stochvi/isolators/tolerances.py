@@ -18,7 +18,6 @@ from stochvi.mathematics.units import power_ratio, with_checks
 from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import DataFrame, frame_of
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.scenes.impact_laws import Law, Restitution
 from stochvi.scenes.phases import changed_mount
@@ -776,8 +775,8 @@ def tolerance_table(
     harm: float = 1.0,
     common: Sequence[int] = (),
     deadline: Deadline = NEVER,
-) -> tuple[DataFrame, dict[str, str]]:
-    """The table that `Sizing.tolerances` describes, and `Sizing.worst_at`.
+) -> tuple[list[dict[str, str | float]], dict[str, str]]:
+    """The rows of the table that `Sizing.tolerances` describes, and `Sizing.worst_at`.
 
     Parameters
     ----------
@@ -817,7 +816,7 @@ def tolerance_table(
         ]
         places = {names[k]: worded(worst[k][1]) for k in sized}
         rows.append(row(WORST, np.array([each[0] for each in worst])))
-    return frame_of(rows), places
+    return rows, places
 
 
 def _hazard(nominal: Gaps, changed: Gaps, stops: Matrix, probability: float) -> float:

@@ -4,6 +4,7 @@ notebook page; the class `Response`."""
 
 from __future__ import annotations
 
+import copy
 import difflib
 import html
 import math
@@ -11,7 +12,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self, TypeVar, cast
 
@@ -320,6 +321,45 @@ def stacked(tables: Iterable[Any], columns: list[str] | None = None) -> DataFram
     return pd.concat(found, ignore_index=True) if found else frame_of(columns=columns)
 
 
+class KeptTable:
+    """A field of an answer for a table that is made a frame when it is asked for: an answer in a
+    sentence does without pandas, whose import takes longer than many calculations."""
+
+    def __init__(self, default: Any = MISSING) -> None:
+        self.default = default
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, found: Any, kind: Any = None) -> Any:
+        if found is None:
+            if self.default is MISSING:
+                raise AttributeError(self.name)  # the field has no default
+            return self.default
+        kept = vars(found)[self.name]
+        if not (kept is None or hasattr(kept, "iloc")):
+            kept = vars(found)[self.name] = frame_of(kept)
+        return kept
+
+    def __set__(self, found: Any, table: Any) -> None:
+        vars(found)[self.name] = table
+
+
+def rows_of(found: Any, name: str = "") -> list[dict[str, Any]]:
+    """The rows of a table, or of that in a field of an answer, by the names of its columns."""
+    table = vars(found)[name] if name else found
+    if hasattr(table, "iloc"):
+        table = table.to_dict("records")
+    if isinstance(table, Mapping):
+        return [dict(zip(table, row, strict=True)) for row in zip(*table.values(), strict=True)]
+    return [dict(row) for row in table]
+
+
+def kept_table(default: Any = MISSING) -> Any:
+    """A field for a `KeptTable`."""
+    return KeptTable(default)
+
+
 MOST_NAMES = 12
 """Largest number of known names that the message on a wrong one lists."""
 
@@ -522,6 +562,12 @@ class Result:
         its sentences in the usual units, whatever is shown elsewhere."""
         with shown_in(USUAL):
             return {name: plain(value) for name, value in self._document().items()}
+
+    def with_provenance(self, **more: Any) -> Self:
+        """The answer with more of its provenance."""
+        found = copy.copy(self)
+        vars(found)["provenance"] = {**self.provenance, **more}
+        return found
 
     def _document(self) -> dict[str, Any]:
         """What the class says is in the document, then the other fields, those that are common to

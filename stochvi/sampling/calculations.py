@@ -13,7 +13,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypedDict, TypeVar
 
@@ -117,8 +116,7 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
             for name, each in parameters.items()
             if each.default is not inspect.Parameter.empty
         }
-        call = call_of(function.__name__, {**defaults, **given})
-        return replace(answer, provenance={**answer.provenance, "call": call})
+        return answer.with_provenance(call=call_of(function.__name__, {**defaults, **given}))
 
     spelt = [each.replace(annotation=Spelt(each.annotation)) for each in parameters.values()]
     returned = Spelt(signature.return_annotation)

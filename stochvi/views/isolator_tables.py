@@ -19,7 +19,7 @@ from stochvi.isolators.sizing.answer import (
 )
 from stochvi.isolators.tolerances import in_words
 from stochvi.mathematics.units import LENGTH, RATE, SPEED, spoken_mission
-from stochvi.results.base import DataFrame
+from stochvi.results.base import DataFrame, rows_of
 from stochvi.results.estimates import GAUSSIAN_95, Estimate, spoken_percent
 from stochvi.views.axes import (
     BAND_ALPHA,
@@ -281,7 +281,7 @@ def _one(sizing: Sizing) -> list[Section]:
                         ),
                         "in sigma": lambda row: row["clearance_in_sigma"],
                     },
-                    records(sizing.required),
+                    records(sizing, "required"),
                 ),
                 *_three_sigma(sizing),
                 *_impacts(sizing),
@@ -297,7 +297,7 @@ def _one(sizing: Sizing) -> list[Section]:
                     front=True,
                 )
             ],
-            notes=[capital(f"{HITS_PER_FIRST_HIT}.")] if len(sizing.simulated) else [],
+            notes=[capital(f"{HITS_PER_FIRST_HIT}.")] if len(rows_of(sizing, "simulated")) else [],
         ),
         worst_case_section(sizing),
     ]
@@ -323,9 +323,6 @@ def _three_sigma(sizing: Sizing) -> list[Grid]:
 
 def _impacts(sizing: Sizing) -> list[Grid]:
     """Impacts at 3 sigma and at the answer; other clearances were steps of the search."""
-    table = sizing.simulated
-    if not len(table):
-        return []
     places = [sizing.three_sigma.clearance, sizing.clearance.value]
     return Grid.by(
         "impacts on all stops, with the stop law",
@@ -338,7 +335,7 @@ def _impacts(sizing: Sizing) -> list[Grid]:
             f"mean speed ({SPEED})": lambda row: SPEED(row["impact_speed_mean"]),
             "by": lambda row: way_in_words(row["by"]),
         },
-        records(table[table["clearance"].isin(places)]),
+        [each for each in records(sizing, "simulated") if each[0]["clearance"] in places],
         ["by"],
     )
 
@@ -365,7 +362,7 @@ def _several(sizing: Sizing) -> list[Section]:
                         "pair": lambda name: name,
                         **{
                             f"{spoken_percent(row['probability'])} ({LENGTH})": partial(_cell, row)
-                            for (row,) in records(sizing.required)
+                            for (row,) in records(sizing, "required")
                         },
                     },
                     [(name,) for name in sizing.clearances],
@@ -404,7 +401,7 @@ def _places(sizing: Sizing) -> list[Grid]:
         "clearance to make" if done else "clearance": lambda row: str(made[row["pair"]]),
         f"equilibrium ({LENGTH})": lambda row: LENGTH(round(row["mean_gap"], NANOMETRES)) + 0.0,
     }
-    rows = records(sizing.placed())
+    rows = records(sizing.rows_of_places())
     return Grid.by(places_heading(sizing), columns | (stops if done else {}), rows)
 
 
@@ -461,7 +458,7 @@ def pairs_grids(sizing: Sizing) -> list[Grid]:
             "expected impacts": lambda row: _known(row["expected_hits"]),
             f"mean speed ({SPEED})": lambda row: _known(SPEED(row["impact_speed_mean"])),
         },
-        records(sizing.pairs),
+        records(sizing, "pairs"),
     )
     return [grid.known() for grid in grids]
 
@@ -499,7 +496,7 @@ def interval_in_words(chance: Probability) -> str:
 def _pairs_tolerances(sizing: Sizing) -> Section:
     """The clearance that each sized pair needs for the same risk with each change, and where within
     the tolerances each is largest; empty without tolerances."""
-    if len(sizing.tolerances) < 2:
+    if len(rows := records(sizing, "tolerances")) < 2:
         return Section(title="Tolerances")
     largest: dict[str, list[str]] = {}
     for name, place in sizing.worst_at.items():
@@ -516,7 +513,7 @@ def _pairs_tolerances(sizing: Sizing) -> Section:
                 **{f"{name} ({LENGTH})": length_of(name) for name in sizing.clearances},
                 "probability of any impact": _chance_of("probability"),
             },
-            records(sizing.tolerances),
+            rows,
         ),
         notes=[f"Largest for {', '.join(each)}: {place}." for place, each in largest.items()],
     )
@@ -656,10 +653,10 @@ def screening_section(linear: Screening) -> Section:
     """The motion without stops, of coordinates, points and gaps."""
     caption = "linear screening, stops left out"
     if len(linear.coordinates) == 1:
-        motion = [Grid.of(caption, linear.to_frame(), ["quantity", "unit"])]
+        motion = [Grid.of(caption, linear.rows(), ["quantity", "unit"])]
     else:
         motion = [grid.known() for grid in _coordinates(caption, linear)]
-    gaps = [Grid.of("gaps, and impacts by Rice", linear.gaps_to_frame(), ["pair"])]
+    gaps = [Grid.of("gaps, and impacts by Rice", linear.rows_of_gaps(), ["pair"])]
     return Section(
         title="Linear screening",
         lead="The rule of three sigma rests on the Gaussian response of the structure without "
@@ -672,7 +669,7 @@ def _coordinates(caption: str, linear: Screening) -> list[Grid]:
     """A row per coordinate and point, with each number and its unit in one column."""
 
     def cell(name: str, unit: str) -> Callable[[Row], str | None]:
-        return lambda row: None if math.isnan(row[name]) else f"{row[name]:.4g} {row[unit]}"
+        return lambda row: None if row[name] is None else f"{row[name]:.4g} {row[unit]}"
 
     return Grid.by(
         caption,
@@ -683,7 +680,7 @@ def _coordinates(caption: str, linear: Screening) -> list[Grid]:
             "absolute acceleration": cell("absolute acceleration", "unit of acceleration"),
             "zero up-crossings (Hz)": lambda row: row["zero up-crossings (Hz)"],
         },
-        records(linear.to_frame()),
+        records(linear.rows()),
     )
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from rich.cells import cell_len
 
-from stochvi.results.base import DataFrame, Result, plain
+from stochvi.results.base import DataFrame, Result, plain, rows_of
 from stochvi.views.files import time_for_pictures, to_json, write_report_page, write_text
 from stochvi.views.tables import NO_VALUE
 
@@ -65,18 +65,15 @@ class Grid:
     def of(
         cls,
         caption: str,
-        table: DataFrame,
+        table: DataFrame | Sequence[Mapping[str, Any]],
         words: int | Collection[str] | None = 1,
         forms: Mapping[str, str] = {},
     ) -> Self:
         """A table with its numbers in four digits, or in the form of their column, and - where one
         is not known. Without `words` they stand wherever not every cell is a number."""
-        headings = [str(name) for name in table]
-        chosen = [forms.get(name, ".4g") for name in headings]
-        rows = [
-            [_cell(each, form) for each, form in zip(row, chosen, strict=True)]
-            for row in table.itertuples(index=False)
-        ]
+        known = rows_of(table)
+        headings = [*known[0]] if known else [str(name) for name in table]
+        rows = [[_cell(row[name], forms.get(name, ".4g")) for name in headings] for row in known]
         if words is None:
             columns = zip(headings, zip(*rows, strict=True), strict=True)
             words = [name for name, cells in columns if not all(map(_is_number, cells))]
@@ -125,9 +122,9 @@ class Grid:
         )
 
 
-def records(table: DataFrame) -> list[tuple[dict[str, Any]]]:
-    """The rows of a table for `Grid.by`, each by the names of its columns."""
-    return [({str(name): cell for name, cell in row.items()},) for row in table.to_dict("records")]
+def records(table: Any, name: str = "") -> list[tuple[dict[str, Any]]]:
+    """The rows of a table, or of that in a field of an answer, for `Grid.by`."""
+    return [(row,) for row in rows_of(table, name)]
 
 
 def _cell(value: object, form: str) -> str:

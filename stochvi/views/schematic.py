@@ -11,7 +11,7 @@ import numpy as np
 
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import LENGTH
-from stochvi.results.base import DataFrame, frame_of
+from stochvi.results.base import DataFrame, rows_of
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.scenes.structures.modes import Span
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody
@@ -37,9 +37,9 @@ SMALLEST_CHANCE = 1e-6
 """Probability of an impact below which all snubbers have the same colour."""
 
 
-def modes_in_rows(box: BoxOverview) -> DataFrame:
+def modes_in_rows(box: BoxOverview) -> list[dict[str, Any]]:
     """A row per mode: frequency, damping, and the mass that it moves along each axis."""
-    return frame_of(
+    return [
         {
             "mode": number,
             "Hz": four_digits(mode.frequency_hz),
@@ -48,13 +48,13 @@ def modes_in_rows(box: BoxOverview) -> DataFrame:
             "motion": mode.motion,
         }
         for number, mode in enumerate(box.modes, start=1)
-    )
+    ]
 
 
-def one_axis_in_rows(sizing: Sizing) -> DataFrame:
+def one_axis_in_rows(sizing: Sizing) -> list[dict[str, Any]]:
     """A row per pair: its clearance, and what three sigma of one oscillator would buy there."""
     assert sizing.box is not None
-    return frame_of(
+    return [
         {
             "pair": row["pair"],
             f"clearance ({LENGTH})": four_digits(LENGTH(sizing.clearances[row["pair"]].value))
@@ -64,8 +64,8 @@ def one_axis_in_rows(sizing: Sizing) -> DataFrame:
             "hit there": chance_in_words(row["chance_at_one_axis"]),
             "hit as the scene stands": chance_in_words(row["chance_as_given"]),
         }
-        for row in sizing.box.pairs.to_dict("records")
-    )
+        for row in rows_of(sizing.box, "pairs")
+    ]
 
 
 def plot_box(sizing: Sizing) -> Axes:

@@ -17,7 +17,7 @@ from stochvi.mathematics.units import (
     shown_as,
     spoken_mission,
 )
-from stochvi.results.base import RESPONSE_QUANTITIES, DataFrame, Response, frame_of
+from stochvi.results.base import RESPONSE_QUANTITIES, DataFrame, Response, rows_of
 from stochvi.results.estimates import Estimate, format_with_error, spoken_percent
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ METHOD_COLUMNS = {
 }
 
 
-def methods_table(responses: Sequence[Response]) -> DataFrame:
+def methods_table(responses: Sequence[Response]) -> list[dict[str, str]]:
     """One row per method, one column per quantity of `METHOD_COLUMNS`, values with errors."""
     rows = []
     for response in responses:
@@ -124,7 +124,7 @@ def methods_table(responses: Sequence[Response]) -> DataFrame:
             words = quantity.heading(heading) if quantity.chosen else heading
             row[words] = value_with_error(quantity(found[name])) if name in found else ""
         rows.append(row)
-    return frame_of(rows)
+    return rows
 
 
 def value_with_error(estimate: Estimate, scale: float = 0.0, *, with_bias: bool = True) -> str:
@@ -362,13 +362,14 @@ def of_your_stops(sizing: Sizing) -> list[str]:
 
 def of_less_risk(sizing: Sizing) -> list[str]:
     """What a tenth of the risk takes; none where that is not known."""
-    table, target = sizing.required, sizing.target
+    target = sizing.target
     if target.name != "probability" or sizing.varies or sizing.doubtful:
         return []
-    less = table.loc[np.isclose(table["probability"], 0.1 * target.value), "clearance"]
     return [
-        f"ten times less risk takes {LENGTH.text(more, '.2g')} more"
-        for more in less - sizing.clearance.value
+        f"ten times less risk takes "
+        f"{LENGTH.text(row['clearance'] - sizing.clearance.value, '.2g')} more"
+        for row in rows_of(sizing, "required")
+        if np.isclose(row["probability"], 0.1 * target.value)
     ]
 
 

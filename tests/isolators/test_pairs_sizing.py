@@ -185,7 +185,8 @@ def test_tolerances_follow_linear_theory() -> None:
     scene = uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0))
     places = np.array([[4.0, 4.5], [4.0, 4.5]])
     allowed = Tolerances.of(scene, usual=True)
-    table, worst_at = tolerance_table(scene, allowed, places, [0, 1], TARGET)
+    rows, worst_at = tolerance_table(scene, allowed, places, [0, 1], TARGET)
+    table = pd.DataFrame(rows)
     rows = table.set_index("change")
     assert rows.loc["as stated", ["x", "z"]].tolist() == pytest.approx([4.0, 4.5], rel=1e-12)
     assert rows.loc["as stated", "probability"] == pytest.approx(TARGET, rel=1e-12)
@@ -213,7 +214,9 @@ def test_a_centre_elsewhere_is_a_box_described_from_there() -> None:
     assert model_of(moved).stiffness == pytest.approx(model_of(by_hand).stiffness)
     allowed = Tolerances.of(scene, centre=0.02)
     places = np.full((2, 3), 0.006)
-    table = tolerance_table(scene, allowed, places, [0, 1, 2], TARGET)[0].set_index("change")
+    table = pd.DataFrame(tolerance_table(scene, allowed, places, [0, 1, 2], TARGET)[0]).set_index(
+        "change"
+    )
     assert len(table) == 1 + 6 + 1
     before, after = (screen(each).impact_pairs["side"] for each in (scene, by_hand))
     # the same rate of crossings, beyond what the mean has moved

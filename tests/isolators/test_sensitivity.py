@@ -331,7 +331,8 @@ def test_each_pair_of_a_box_has_its_own_worst_place() -> None:
     names = list(screen(box).impact_pairs)
     before = screen(box).impact_pairs
     places = np.array([5.0 * before[name].displacement_std for name in names])
-    table, worst_at = tolerance_table(box, allowed, np.array([places, places]), [0, 1, 2], 0.01)
+    rows, worst_at = tolerance_table(box, allowed, np.array([places, places]), [0, 1, 2], 0.01)
+    table = pd.DataFrame(rows)
     rows, last = table.iloc[:-1], table.iloc[-1]
     assert last["change"] == WORST and set(worst_at) == set(names)
 

@@ -9,6 +9,7 @@ import io
 import json
 import math
 import os
+import pickle
 import pkgutil
 import re
 import tempfile
@@ -36,6 +37,7 @@ from stochvi.cli.program import main
 from stochvi.identification import DropRecord, ForceCurve, Rebounds
 from stochvi.isolators import Spread, jolts
 from stochvi.isolators.record_verdict import response_law
+from stochvi.isolators.sizing import Sizing
 from stochvi.mathematics.units import shown_as, shown_in, units_of, units_passed_over
 from stochvi.methods import periodic
 from stochvi.methods.monte_carlo import record_path
@@ -393,6 +395,20 @@ def test_an_answer_is_saved_and_read_again(answer: Result, tmp_path: Path) -> No
 
 
 SAVED = sorted((CHECKOUT / "tests" / "reference" / "saved_answers").glob("*.json.gz"))
+
+
+def test_a_table_is_a_frame_once_it_is_asked_for() -> None:
+    found = sizing_of(scene_between_stops(), paths=64)
+    rows = [{"probability": 0.1, "clearance": 0.004}, {"probability": 0.01, "clearance": 0.005}]
+    columns = {name: [row[name] for row in rows] for name in rows[0]}
+    for kept in (rows, columns):
+        again = pickle.loads(pickle.dumps(replace(found, required=kept)))
+        assert vars(again)["required"] == kept  # nothing has asked for a frame
+        assert base.rows_of(again, "required") == rows
+        assert again.required.equals(pd.DataFrame(rows)) and again.required is again.required
+        assert base.rows_of(again, "required") == rows
+    with pytest.raises(TypeError, match="required"):
+        Sizing(**{name: part for name, part in vars(found).items() if name != "required"})
 
 
 def assert_the_same(now: Any, before: Any) -> None:

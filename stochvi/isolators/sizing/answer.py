@@ -19,7 +19,7 @@ from stochvi.mathematics.units import ACCELERATION, LENGTH, RATE, shown_as, spok
 from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.model.coverage import NaturalMode, free_motion, natural_modes
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import DataFrame, Named, Response, Result, frame_of
+from stochvi.results.base import DataFrame, Named, Response, Result, frame_of, kept_table, rows_of
 from stochvi.results.estimates import GAUSSIAN_95, Estimate, spoken_percent
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
@@ -58,7 +58,7 @@ class BoxOverview:
     """
 
     modes: Sequence[NaturalMode]
-    pairs: DataFrame
+    pairs: DataFrame = kept_table()
 
 
 def box_overview(scene: Scene, mission: float) -> BoxOverview | None:
@@ -85,16 +85,15 @@ def box_overview(scene: Scene, mission: float) -> BoxOverview | None:
     three = np.array([3.0 * each.deviations[0] for each in apart])
     stops = np.array(own_distances(model))
     there = np.where(np.isfinite(stops), three, math.inf)
+    pairs: Any = {
+        "pair": [pair.name for pair in model.pairs],
+        "one_axis_three_sigma": three,
+        "chance_at_one_axis": _chances(moved, there, mission),
+        "chance_as_given": _chances(moved, stops, mission),
+    }
     return BoxOverview(
         modes=natural_modes(model),
-        pairs=frame_of(
-            {
-                "pair": [pair.name for pair in model.pairs],
-                "one_axis_three_sigma": three,
-                "chance_at_one_axis": _chances(moved, there, mission),
-                "chance_as_given": _chances(moved, stops, mission),
-            }
-        ),
+        pairs=pairs,
     )
 
 
@@ -203,8 +202,9 @@ def _bursts_at(sizing: Sizing, clearance: float) -> float | None:
 
     It falls nearly as a Gaussian: its logarithm over the square of the clearance is straight.
     """
-    curve = sizing.curve
-    squares, p = curve["clearance"].to_numpy() ** 2, curve["probability"].to_numpy()
+    known = [(row["clearance"], row["probability"]) for row in rows_of(sizing, "curve")]
+    squares, p = np.array(known).T
+    squares = squares**2
     if clearance**2 < squares.min():
         return None
     logarithms = np.log(-np.log1p(-np.clip(p, LEAST, CERTAIN)))
@@ -649,11 +649,6 @@ OF_SEVERAL = (
 has."""
 
 
-def no_rows() -> DataFrame:
-    """An empty table."""
-    return frame_of()
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Sizing(ClearanceAnswer):
     """The clearances that keep a target, and the evidence for them.
@@ -766,10 +761,10 @@ class Sizing(ClearanceAnswer):
 
     target: Target
     mission: float
-    pairs: DataFrame
-    curve: DataFrame
+    pairs: DataFrame = kept_table()
+    curve: DataFrame = kept_table()
     three_sigma: ThreeSigma
-    required: DataFrame
+    required: DataFrame = kept_table()
     screening: Screening
     method: str
     expected_hits: Estimate | None = None
@@ -777,17 +772,17 @@ class Sizing(ClearanceAnswer):
     allowed: Tolerances = field(default_factory=Tolerances)
     production: Production | None = None
     fell_short: tuple[str, ...] = ()
-    simulated: DataFrame = field(default_factory=no_rows)
+    simulated: DataFrame = kept_table(())
     evidence: Mapping[str, Response] = field(default_factory=dict)
     kept_with: Estimate | None = None
-    exceeding: DataFrame | None = None
+    exceeding: DataFrame | None = kept_table(None)
     probability_of_stops: Estimate | None = None
     worst_case: DataFrame | None = None
     pair: str | None = None
     common: tuple[str, ...] = ()
     probability: Probability | None = None
     as_given: Probability | None = None
-    tolerances: DataFrame = field(default_factory=no_rows)
+    tolerances: DataFrame = kept_table(())
     box: BoxOverview | None = None
     worst_at: Mapping[str, str] = field(default_factory=dict)
 
@@ -795,7 +790,7 @@ class Sizing(ClearanceAnswer):
     def several(self) -> bool:
         """Whether gaps of a structure were sized together, be it one of several that was asked for;
         else the curve of risk of one gap says all."""
-        return "probability_alone" in self.curve
+        return "probability_alone" in vars(self)["curve"]
 
     @property
     def how(self) -> str:
@@ -826,19 +821,21 @@ class Sizing(ClearanceAnswer):
     @property
     def sigma(self) -> float:
         """Linear rms of the widest sized gap without stops, m."""
-        return float(self.pairs["sigma"].iloc[self.sized_pairs].max())
+        rows = rows_of(self, "pairs")
+        return float(max(rows[number]["sigma"] for number in self.sized_pairs))
 
     @property
     def sized_pairs(self) -> list[int]:
         """Numbers of the pairs that were sized, in the order of `clearances`."""
-        names = self.pairs["pair"].tolist()
+        names = [row["pair"] for row in rows_of(self, "pairs")]
         return [names.index(name) for name in self.clearances]
 
     @property
     def stops(self) -> Matrix:
         """(2, pairs): distances of the lower and upper stops from the mean gaps at the calculated
         clearances, m; infinite for none."""
-        return np.asarray(self.pairs[[*SIDES]].fillna(math.inf).to_numpy().T)
+        known = np.array([[row[side] for row in rows_of(self, "pairs")] for side in SIDES], float)
+        return np.where(np.isnan(known), math.inf, known)
 
     @property
     def any_hit(self) -> float | None:
@@ -879,8 +876,8 @@ class Sizing(ClearanceAnswer):
         if self.production is not None:
             return self.production.made
         needed = {name: each.value for name, each in self.clearances.items()}
-        if len(self.tolerances) > 1:
-            needed = {name: float(self.tolerances[name].iloc[-1]) for name in needed}
+        if len(rows := rows_of(self, "tolerances")) > 1:
+            needed = {name: float(rows[-1][name]) for name in needed}
         elif self.allowed != Tolerances() and not self.several:
             worst = self.worst_case
             largest = math.nan if worst is None else float(worst["clearance"].iloc[-1])
@@ -900,14 +897,19 @@ class Sizing(ClearanceAnswer):
         `lower` and `upper` as a scene file has them, from the unloaded mounts; all in m, NaN where
         the scene has no stop.
         """
+        return frame_of(self.rows_of_places(), ["pair", "mean_gap", "clearance", *SIDES])
+
+    def rows_of_places(self) -> list[dict[str, Any]]:
+        """The rows of that table."""
         rows, rests = [], self.rests
         for pair in self.scene.impact_pairs:
             if (made := self.rounded.get(pair.name)) is not None:
                 stated = {side for side, _ in pair.stops()}
                 mean = rests[pair.name]
-                places = [made.position(mean, s) if s in stated else math.nan for s in SIDES]
-                rows.append([pair.name, mean, made.value, *places])
-        return frame_of(rows, columns=["pair", "mean_gap", "clearance", *SIDES])
+                places = {s: made.position(mean, s) if s in stated else math.nan for s in SIDES}
+                here = {"pair": pair.name, "mean_gap": mean, "clearance": made.value}
+                rows.append(here | places)
+        return rows
 
     def verdict(self) -> str:
         """The clearances to make and the risk that they keep, in one sentence, after a record that

@@ -50,7 +50,7 @@ from stochvi.isolators.tolerances import Tolerances, tolerance_table
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.model.coverage import modulated
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import DataFrame, frame_of, is_speed
+from stochvi.results.base import is_speed
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
@@ -365,7 +365,7 @@ class OneCurve(SizingMethod):
             self.job.short(f"the probability of an impact on the stops of the scene: {reason}")
             return None
 
-    def required(self) -> DataFrame:
+    def required(self) -> list[dict[str, float]]:
         """A row per accepted probability, with the interval of its clearance."""
         rows = []
         for chance in SEARCH.required:
@@ -379,11 +379,11 @@ class OneCurve(SizingMethod):
                     "clearance_in_sigma": found.value / self.deviation,
                 }
             )
-        return frame_of(rows)
+        return rows
 
-    def curve_table(self) -> DataFrame:
+    def curve_table(self) -> dict[str, Any]:
         """Probabilities against clearance."""
-        return self.curve.to_frame()
+        return self.curve.columns()
 
     def own_fields(self, place: float) -> dict[str, Any]:
         """The probability of an impact on uneven stops."""
@@ -777,22 +777,21 @@ class SharedRisk(SizingMethod):
         """Probability that each pair that is not sized is hit, alone."""
         return np.array([each.value for each in self.alone_of_fixed])
 
-    def curve_table(self) -> DataFrame:
+    def curve_table(self) -> dict[str, Any]:
         """Probabilities against the risk of each pair."""
         risks, known = self.risks, [Probability.of(chance) for chance in self.chances]
         free = float(np.prod(1.0 - self._alone_of_fixed))
-        return frame_of(
-            {
-                "probability_alone": -np.expm1(-risks),
-                **frame_of(self.columns(-math.log(risk)) for risk in risks),
-                "probability": [each.value for each in known],
-                "probability_low": [each.lower for each in known],
-                "probability_high": [each.upper for each in known],
-                "independent": [1.0 - free * np.prod(1.0 - self._alone(risk)) for risk in risks],
-            }
-        )
+        places = [self.columns(-math.log(risk)) for risk in risks]
+        return {
+            "probability_alone": -np.expm1(-risks),
+            **{name: [each[name] for each in places] for name in places[0]},
+            "probability": [each.value for each in known],
+            "probability_low": [each.lower for each in known],
+            "probability_high": [each.upper for each in known],
+            "independent": [1.0 - free * np.prod(1.0 - self._alone(risk)) for risk in risks],
+        }
 
-    def required(self) -> DataFrame:
+    def required(self) -> list[dict[str, float]]:
         """A row per accepted probability."""
         rows, total = [], self.total
         for chance in SEARCH.required:
@@ -802,7 +801,7 @@ class SharedRisk(SizingMethod):
             else:
                 places = dict.fromkeys(places, math.nan)
             rows.append({"probability": chance, **places})
-        return frame_of(rows)
+        return rows
 
 
 @dataclass(frozen=True)

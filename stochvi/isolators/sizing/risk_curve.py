@@ -279,7 +279,7 @@ class RiskCurve:
 
         return interpolated
 
-    def to_frame(self) -> DataFrame:
+    def columns(self) -> dict[str, Sequence[float] | Vector]:
         """The table that `Sizing.curve` describes."""
         limits = {"first_hit_rate": self.first_rates, "probability": self.probabilities}
         columns: dict[str, Sequence[float] | Vector] = {
@@ -293,7 +293,7 @@ class RiskCurve:
             columns[name] = values
             columns[f"{name}_low"] = np.maximum(values - half, 0.0)
             columns[f"{name}_high"] = np.minimum(values + half, most)
-        return frame_of(columns)
+        return columns
 
 
 def _half_widths(estimates: Sequence[Estimate]) -> Vector:

@@ -17,7 +17,6 @@ from stochvi.isolators.tolerances import Tolerances
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.model.coverage import scene_notes
 from stochvi.model.model import model_of
-from stochvi.results.base import DataFrame, frame_of
 from stochvi.results.deadline import Overdue
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import TOO_FEW, Estimate, provenance, spoken_percent
@@ -405,11 +404,11 @@ class SizingMethod(ABC):
         """Risk and impacts by the rule of three sigma."""
 
     @abstractmethod
-    def curve_table(self) -> DataFrame:
+    def curve_table(self) -> Any:
         """The table that `Sizing.curve` describes."""
 
     @abstractmethod
-    def required(self) -> DataFrame:
+    def required(self) -> Any:
         """The table that `Sizing.required` describes."""
 
     @abstractmethod
@@ -514,32 +513,30 @@ class SizingJob:
             **own,
         )  # fmt: skip
 
-    def _pairs_table(self, place: float, counts: ImpactCounts | None) -> DataFrame:
+    def _pairs_table(self, place: float, counts: ImpactCounts | None) -> Any:
         """The table that `Sizing.pairs` describes."""
         method = self.method
         rates = {} if counts is None else counts.rates
         speeds = {} if counts is None else counts.speeds
         stops = method.stops(place)
         known = np.where(np.isfinite(stops), stops, math.nan)
-        return frame_of(
-            {
-                "pair": method.names,
-                "sigma": method.sigma,
-                **dict(zip(SIDES, known, strict=True)),
-                "clearance_in_sigma": self._in_sigma(stops),
-                "probability_alone": method.alone(place),
-                "share_of_first_hits": method.shares(place),
-                "expected_hits": [_value(rates.get(name)) * self.mission for name in method.names],
-                "impact_speed_mean": [_value(speeds.get(name)) for name in method.names],
-            }
-        )
+        return {
+            "pair": method.names,
+            "sigma": method.sigma,
+            **dict(zip(SIDES, known, strict=True)),
+            "clearance_in_sigma": self._in_sigma(stops),
+            "probability_alone": method.alone(place),
+            "share_of_first_hits": method.shares(place),
+            "expected_hits": [_value(rates.get(name)) * self.mission for name in method.names],
+            "impact_speed_mean": [_value(speeds.get(name)) for name in method.names],
+        }
 
     def _in_sigma(self, stops: Matrix) -> Vector:
         """(pairs,): distances of the nearer stops, over the rms of the gaps; NaN of one at rest."""
         sigma = self.method.sigma
         return np.asarray(stops.min(axis=0) / np.where(sigma, sigma, math.nan))
 
-    def _simulated(self) -> DataFrame:
+    def _simulated(self) -> Any:
         """The table that `Sizing.simulated` describes."""
         rows: list[dict[str, float | str | None]] = []
         for place, tried in sorted(self.hits.tried.items()):
@@ -560,9 +557,9 @@ class SizingJob:
                     "by": tried.counts.way,
                 }
             )
-        return frame_of(rows, columns=None if rows else [*self.method.columns(1.0), *SIMULATED])
+        return rows or dict.fromkeys([*self.method.columns(1.0), *SIMULATED], ())
 
-    def _exceeding(self) -> DataFrame:
+    def _exceeding(self) -> Any:
         """The table that `Sizing.exceeding` describes."""
         rows = []
         for place, chance in sorted(self.exceeded.items()):
@@ -575,7 +572,7 @@ class SizingJob:
                     "probability_high": chance.upper_95 or min(chance.value + half, 1.0),
                 }
             )
-        return frame_of(rows)
+        return rows
 
     def short(self, warning: str) -> None:
         """Add a warning of an accuracy for which the budget did not suffice."""

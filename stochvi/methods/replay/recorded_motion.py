@@ -40,7 +40,9 @@ from stochvi.results.base import (
     Quantities,
     Result,
     frame_of,
+    kept_table,
     of_angle,
+    rows_of,
     stacked,
     stated,
 )
@@ -261,7 +263,7 @@ class ReplayAt:
     stops: Mapping[str, float]
     coordinates: Mapping[str, CoordinateReplay]
     impact_pairs: Mapping[str, PairReplay]
-    impacts: DataFrame
+    impacts: DataFrame = kept_table()
     histories: Histories | None
 
     def with_bias(self, coarse: ReplayAt, step: float) -> ReplayAt:
@@ -553,7 +555,7 @@ def replay(
             wall_time=time.perf_counter() - begin - compile_time,
             compile_time=compile_time,
             steps=sum(len(each.base) for each in segments) * sum(sum(way.runs) for way in ways),
-            impacts=sum(len(each.impacts) for each in found),
+            impacts=sum(len(rows_of(each, "impacts")) for each in found),
             paths=len(places),
         ),
         provenance=provenance(scene.document(), seed if model.scattered or model.drives else None),
@@ -705,6 +707,16 @@ def _answer_at(
     impacts = np.concatenate([motion.impacts for motion in motions])
     owners = [(pair, stop) for pair in model.pairs for stop in pair.stops]
     hit = [owners[int(number)] for number in impacts[:, 1]]
+    table: Any = {
+        "time": impacts[:, 0],
+        "pair": [pair.name for pair, _ in hit],
+        "side": [stop.name for _, stop in hit],
+        "speed": impacts[:, 2],
+        "peak_force": [
+            math.nan if stop.rigid else force
+            for (_, stop), force in zip(hit, impacts[:, 3], strict=True)
+        ],
+    }
     return ReplayAt(
         clearance=clearance,
         stops={f"{pair.name} {stop.name}": stop.position for pair, stop in owners},
@@ -712,18 +724,7 @@ def _answer_at(
             name: _coordinate(motions, number) for number, name in enumerate(model.outputs)
         },
         impact_pairs={pair.name: _pair(model, pair, motions, impacts) for pair in model.pairs},
-        impacts=frame_of(
-            {
-                "time": impacts[:, 0],
-                "pair": [pair.name for pair, _ in hit],
-                "side": [stop.name for _, stop in hit],
-                "speed": impacts[:, 2],
-                "peak_force": [
-                    math.nan if stop.rigid else force
-                    for (_, stop), force in zip(hit, impacts[:, 3], strict=True)
-                ],
-            }
-        ),
+        impacts=table,
         histories=_histories(model, motions, segments, starts)
         if len(motions[0].displacement)
         else None,
