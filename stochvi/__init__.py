@@ -21,12 +21,14 @@ from typing import Any
 
 import lazy_loader
 
+from stochvi.results.errors import name_of_today
 from stochvi.results.plots import register
 
 _lazy_getattr, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
+    name = name_of_today(name)
     if name == "__version__":
         from importlib.metadata import version
 

@@ -54,7 +54,7 @@ from .statistics.histories import history
 from .statistics.impacts import impacts
 from .statistics.reliability import reliability
 from .statistics.spectra import spectrum
-from .statistics.stability import stability
+from .statistics.stability import growth
 from .sweeps import mean_over_records, mean_over_units, sweep
 from .verification.check import check, explain
 from .verification.cost import cost
@@ -102,6 +102,7 @@ __all__ = [
     "explain",
     "first_passage",
     "fokker_planck",
+    "growth",
     "harmonic_response",
     "history",
     "identification",
@@ -124,7 +125,6 @@ __all__ = [
     "simulate",
     "size",
     "spectrum",
-    "stability",
     "statistics",
     "sweep",
     "testing",

@@ -27,6 +27,7 @@ from hatchling.build import build_wheel
 
 import stochvi
 from stochvi.results.base import Result
+from stochvi.results.errors import RENAMED
 from stochvi.scenes.datasets import shipped_scene
 from support import CHECKOUT, words
 from support.accuracies import quick_cases
@@ -233,6 +234,16 @@ def test_programs_find_the_names_that_were_at_the_top_once(room: str, name: str)
     assert getattr(stochvi, name) is getattr(package, name)
     assert name not in stochvi.__all__
     assert name in dir(stochvi)
+
+
+@pytest.mark.parametrize(("old", "name"), RENAMED.items())
+def test_a_name_of_an_earlier_version_is_found_with_a_warning(old: str, name: str) -> None:
+    for place in (stochvi, *([stochvi.isolators] if old == "jolts" else [])):
+        with pytest.warns(DeprecationWarning, match=f"^{old} is called {name} now") as told:
+            found = getattr(place, old)
+        assert found is getattr(stochvi, name)
+        assert [Path(each.filename).name for each in told] == [Path(__file__).name]
+        assert old not in dir(place)
 
 
 def test_every_name_that_is_listed_is_found() -> None:

@@ -86,7 +86,7 @@ OPTIONS = {
     "impacts": "--paths 4 --duration 4",
     "history": "--duration 1",
     "spectrum": "--paths 4 --budget 2",
-    "stability": "--rel-error 0.5",
+    "growth": "--rel-error 0.5",
     "linearise": "",
     "exact": "",
     "fokker-planck": "",

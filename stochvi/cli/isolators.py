@@ -1,6 +1,5 @@
 """Commands of isolators between stops. Chapters: `size` by a map, by damage and by phases; the law
-of a stop from a test; screening, clearance, sizing and jolts; replay of a record; impact absorbers.
-"""
+of a stop from a test; screening, clearance, sizing, perturbations; replay; absorbers."""
 
 from __future__ import annotations
 
@@ -195,7 +194,7 @@ def identify(
 
 
 # ------------------------------------------------------------------------------
-# Commands of isolators between stops: screening, clearance, sizing, jolts.
+# Commands of isolators between stops: screening, clearance, sizing, perturbations.
 # ------------------------------------------------------------------------------
 
 
@@ -381,14 +380,16 @@ FIRST, BEFORE_REPORT = 0.5, 0.7
 """Shares of the budget for the sizing itself if --sensitivity or only a report follows."""
 
 
-@declare("isolators.jolt_response:jolts", "seed, budget, json, out, quiet", progress="jolt")
-def jolt(question: Question) -> None:
-    """Find whether a jolt leads to clatter under a sine.
+@declare(
+    "isolators.jolt_response:perturbations", "seed, budget, json, out, quiet",
+    progress="perturbations",
+)  # fmt: skip
+def perturbations(question: Question) -> None:
+    """Find whether a perturbation leads to clatter under a sine.
 
-    --speeds LIST (needed)  Changes of the relative velocity by the jolts, as 0.1,0.2 (m/s) or
-        10mm/s.
-    --paths (int) = 64  Number of paths for each jolt.
-    --duration (time)  Time for which paths are watched after a jolt [1000 periods].
+    --speeds LIST (needed)  Sudden changes of the relative velocity, as 0.1,0.2 (m/s) or 10mm/s.
+    --paths (int) = 64  Number of paths for each perturbation.
+    --duration (time)  Time for which paths are watched after it [1000 periods].
     """
     question.asked["speeds"] = numbers("--speeds", question.asked["speeds"], "m/s")
 

@@ -228,8 +228,8 @@ def spectrum(question: Question) -> None:
     """
 
 
-@declare("statistics.stability:stability", SAMPLED, progress="simulating")
-def stability(question: Question) -> None:
+@declare("statistics.stability:growth", SAMPLED, progress="simulating")
+def growth(question: Question) -> None:
     """Find whether the motion of a modulated structure grows.
 
     --rel-error (float)  Relative standard error of the exponent [0.02].

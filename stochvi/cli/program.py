@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 import click
 
 from stochvi.results.deadline import Pace, Progress
-from stochvi.results.errors import SceneError, TargetError, visible
+from stochvi.results.errors import RENAMED, SceneError, TargetError, visible
 from stochvi.results.files import named_files
 
 if TYPE_CHECKING:
@@ -165,27 +165,24 @@ HELP = {
     ),
     "Its motion": ("simulate", "impacts", "spectrum", "history", "sine"),
     "Methods and their agreement": (
-        "exact, fokker-planck, first-passage, linearise, average", "check, cost, judge, problems",
-        "demo, schema",
+        "exact, fokker-planck, first-passage, linearise, average, growth",
+        "check, cost, judge, problems", "demo, schema",
     ),
 }  # fmt: skip
 """Lines of the help of the program under their headings, each of a command or several."""
 
 WORDS = {
     "sine": "Find all periodic motions under a sine, and jumps; also sine basins, sine "
-    "bifurcation, sine lifetimes, sine jolts and sine stability.",
-    "exact, fokker-planck, first-passage, linearise, average": "Solve a scene by theory.",
+    "bifurcation, sine lifetimes and sine perturbations.",
+    "exact, fokker-planck, first-passage, linearise, average, growth": "Solve a scene by theory.",
     "check, cost, judge, problems": "Compare methods, measure what accuracy costs, and judge other "
     "programs.",
     "demo, schema": "Size a box on a truck; print the JSON Schema of scenes or answers.",
 }
 """Words of lines of the help that are not those of one command."""
 
-UNDER_SINE = {
-    "basins": "basins", "bifurcation": "bifurcation", "lifetimes": "lifetimes", "jolts": "jolt",
-    "stability": "stability",
-}  # fmt: skip
-"""Commands by their names after `sine`; a scene of such a name is ./basins."""
+UNDER_SINE = ("basins", "bifurcation", "lifetimes", "perturbations", "jolts", "stability")
+"""Commands that may follow `sine`; a scene of such a name is ./basins."""
 
 
 class Commands(click.Group):
@@ -208,7 +205,10 @@ class Commands(click.Group):
         """Keep the words of the command line, which reports state; "sine basins" is `basins`."""
         ctx.meta[COMMAND_LINE] = shlex.join(["stochvi", *args])
         if args[:1] == ["sine"] and args[1:] and args[1] in UNDER_SINE:
-            args = [UNDER_SINE[args[1]], *args[2:]]
+            args = args[1:]
+        if args and args[0] in RENAMED:
+            old, args = args[0], [RENAMED[args[0]], *args[1:]]
+            click.echo(f"note: {old} is called {args[0]} now; the next version drops it", err=True)
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:

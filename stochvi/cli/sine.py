@@ -27,7 +27,7 @@ def sine(question: Question) -> None:
     with the values at which a slow sweep jumps. Without --from and --to they are calculated at the
     frequency of the scene. Noise of the scene is left out.
 
-    See also: sine basins, sine bifurcation, sine lifetimes, sine jolts, sine stability.
+    See also: sine basins, sine bifurcation, sine lifetimes, sine perturbations.
 
     {range}
     --vary KEY=FIRST:LAST:NUMBER  Instead of frequencies: values of a key of the scene, as

@@ -1,5 +1,5 @@
 from .bumpers import BumperMap, bumper_map
-from .jolt_response import Jolts, jolts
+from .jolt_response import Jolts, perturbations
 from .production_risk import Production, Spread, production
 from .screening import Screening, clearance_curve, screen
 from .sizing import Sizing, size
@@ -21,7 +21,7 @@ __all__ = [
     "bumper_map",
     "clatter",
     "clearance_curve",
-    "jolts",
+    "perturbations",
     "production",
     "screen",
     "sensitivity",

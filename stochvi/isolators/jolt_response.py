@@ -1,5 +1,5 @@
 """Jolts: whether a structure can be thrown into clatter, and how long that lasts. Chapters:
-contacts of an isolated mass with a stop; the jolts."""
+contacts of an isolated mass with a stop; the perturbations."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ WINDOW_PERIODS = 10
 """Length of a window in which impacts are counted, periods of the sine."""
 
 SETTLING_WINDOWS = 10
-"""Number of windows after a jolt before a path counts as captured."""
+"""Number of windows after a perturbation before a path counts as captured."""
 
 CLATTER = 0.5
 """Number of impacts per period of the sine. A window counts as clatter from so many on both stops
@@ -155,19 +155,19 @@ class EscapeRate(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Jolts(Result):
-    """How many jolted paths were captured by clatter, and how long they stayed.
+    """How many perturbed paths were captured by clatter, and how long they stayed.
 
     Parameters
     ----------
     speeds
-        Speeds of the jolts, m/s: changes of the velocity relative to the base.
+        Speeds of the perturbations, m/s: changes of the velocity relative to the base.
     captured, resonant
-        Whether each path (jolts, paths) is in clatter 100 periods after the jolt, and whether it is
+        Whether each path (perturbations, paths) is in clatter after 100 periods, and whether it is
         then in the resonant regime. That regime hits both stops; other paths rattle on one.
     left
         Whether each path was captured and later left the clatter.
     watched
-        Seconds (jolts, paths) in clatter after capture, until left or until the end.
+        Seconds (perturbations, paths) in clatter after capture, until left or until the end.
     noise
         Whether noise beside the sine can throw paths out of a settled motion.
     duration
@@ -180,7 +180,7 @@ class Jolts(Result):
 
     See Also
     --------
-    stochvi.isolators.jolts : The calculation.
+    stochvi.isolators.perturbations : The calculation.
     """
 
     kind = "jolt"
@@ -208,14 +208,14 @@ class Jolts(Result):
 
     @property
     def paths(self) -> int:
-        """Number of paths that were simulated for each jolt."""
+        """Number of paths that were simulated for each perturbation."""
         return int(self.captured.shape[1])
 
     def escape_rate(self) -> EscapeRate:
         """Rate at which noise throws captured paths out of clatter, 1/s, with its exact 95 %
         interval (Poisson).
 
-        Right after the jolt transients leave as well, and these are no departures at a constant
+        At first transients leave as well, and these are no departures at a constant
         rate. So the time that all paths were watched is halved, by its order after the capture: a
         constant rate has as many departures in either half. Where the first half has more of them
         the rate is that of the second half, halved once more. Where that still has more at first,
@@ -245,7 +245,7 @@ class Jolts(Result):
         return EscapeRate(math.nan if len(kept) else 0.0, 0.0, high)
 
     def to_frame(self) -> DataFrame:
-        """One row per jolt: shares of paths captured, with the exact interval, and on both stops;
+        """One row each: shares of paths captured, with the exact interval, and on both stops;
         share of the captured ones that left later."""
         rows = []
         for number, speed in enumerate(self.speeds):
@@ -267,7 +267,8 @@ class Jolts(Result):
     def summary(self) -> str:
         """Capture and escape, in sentences."""
         caught = bool(self.captured.any())
-        found = "jolts throw the mount into clatter" if caught else "no jolt led to clatter"
+        found = "perturbations throw" if caught else "no perturbation throws"
+        found += " the mount into clatter"
         known = self.resonance
         if known is not None:
             below = self.clearance <= known.energy_boundary
@@ -293,7 +294,7 @@ class Jolts(Result):
         longer = f"longer than {1.0 / high:.3g} s on average (95 %)"
         if not gone:
             return f"; none left it: it lasts {longer}"
-        why = "transients of the jolt" if not self.noise else "too few, or transients of the jolt"
+        why = "too few, or " * self.noise + "transients of the perturbation"
         return (
             f"; {gone} of {caught} captured paths left it within {self.duration:.3g} s ({why}); "
             f"for the others it lasts {longer}"
@@ -301,7 +302,7 @@ class Jolts(Result):
 
 
 @calculation
-def jolts(
+def perturbations(
     scene: Scene,
     speeds: Sequence[float],
     *,
@@ -311,23 +312,23 @@ def jolts(
     budget: float | None = None,
     progress: Progress | None = None,
 ) -> Jolts:
-    """Capture by clatter and escape from it, after jolts to a mount that does not hit its stops.
+    """Capture by clatter and escape from it, after perturbations of a mount free of impacts.
 
     Every path starts in its motion without stops, at a random phase of the sine. It receives the
-    velocity of the jolt and is simulated with its stops. Noise, if any, is that of the scene.
+    perturbation and is simulated with its stops. Noise, if any, is that of the scene.
 
     Parameters
     ----------
     scene
         A linear structure with one impact pair, one sine, any white or filtered noise and loads.
     speeds
-        Changes of the relative velocity by the jolts, m/s; negative ones towards the lower stop.
-        Where a base moves, it is the base that is jolted, and all that it carries gets the speed
+        Sudden changes of the relative velocity, m/s; negative ones towards the lower stop.
+        Where a base moves, it is the base that is perturbed, and all that it carries gets the speed
         relative to it; else an impulse on the pair changes the rate of its gap.
     paths
-        Number of paths for each jolt.
+        Number of paths for each perturbation.
     duration
-        Seconds after the jolt; by default 100 windows of 10 periods.
+        Seconds after the perturbation; by default 100 windows of 10 periods.
     seed
         Seed of the random numbers: the same seed gives the same digits.
     budget
@@ -338,15 +339,15 @@ def jolts(
     Returns
     -------
     Jolts
-        Captures and escapes of each jolt.
+        Captures and escapes of each perturbation.
 
     Raises
     ------
     NotApplicable
         If the scene is not of that kind.
     NotConverged
-        If the budget ends first, or `Interrupted` after Ctrl-C: it carries the answer for the jolts
-        that were simulated, if there are any.
+        If the budget ends first, or `Interrupted` after Ctrl-C: it carries the answer for those
+        perturbations that were simulated.
 
     See Also
     --------
@@ -365,7 +366,7 @@ def jolts(
     ...     ],
     ...     excitations=[Sine(amplitude=1e-4 * 628.0**2, frequency_hz=628.0 / 6.283185307)],
     ... )
-    >>> found = jolts(mount, [0.0, 0.3], paths=16)
+    >>> found = perturbations(mount, [0.0, 0.3], paths=16)
     >>> found.to_frame()["captured"].tolist()[0], bool(found.captured[1].any())
     (0.0, True)
     """
@@ -390,12 +391,12 @@ def jolts(
             def report(done: float, number: int = number) -> None:
                 if progress:
                     total = len(speeds)
-                    progress((number + done) / total, f"jolt {number + 1} of {total}")
+                    progress((number + done) / total, f"perturbation {number + 1} of {total}")
 
             state, streams = _thrown(plan, free, speed, paths, seed)
             counted.append(_hits(plan, state, streams, windows, steps, deadline, report))
     if not counted:
-        raise deadline.fell_short("before the paths of a jolt had ended", LESS_WORK)
+        raise deadline.fell_short("before the paths of a perturbation had ended", LESS_WORK)
     hits = np.array(counted)
     found = hits.sum(axis=2) >= CLATTER * WINDOW_PERIODS
     captured = found[:, SETTLING_WINDOWS - 1]
@@ -417,7 +418,7 @@ def jolts(
         provenance=provenance(scene.document(), seed),
     )
     if len(hits) < len(speeds):
-        where = f"after {len(hits)} of {len(speeds)} jolts"
+        where = f"after {len(hits)} of {len(speeds)} perturbations"
         raise deadline.fell_short(where, LESS_WORK, answer)
     return answer
 
@@ -431,14 +432,14 @@ def _chance_of_so_many(early: int, events: int) -> float:
     return float(bdtrc(early - 1, events, 0.5)) if early else 1.0
 
 
-LESS_WORK = "raise budget, or ask for fewer paths, fewer jolts or a shorter duration"
-"""Remedy where the budget ended before all jolts were simulated."""
+LESS_WORK = "raise budget, or ask for fewer paths, fewer perturbations or a shorter duration"
+"""Remedy where the budget ended before all perturbations were simulated."""
 
 
 def _thrown(
     plan: ModalPlan, free: ModalPlan, speed: float, paths: int, seed: int
 ) -> tuple[Matrix, NDArray[np.uint64]]:
-    """States and random streams of paths in the motion without stops, right after a jolt."""
+    """States and random streams of paths in the motion without stops, once perturbed."""
     streams = np.empty((2, paths), np.uint64)
     seed_streams(np.uint64(seed), 0, streams)
     state = free.start(streams)
@@ -483,7 +484,7 @@ def _check(scene: Scene, speeds: Sequence[float], paths: int, duration: float | 
     if model.tables:
         unmet.append("noise must be white or filtered, got noise of a table or a record")
     if unmet:
-        raise NotApplicable("jolt", unmet)
+        raise NotApplicable("perturbations", unmet)
     return sines[0]
 
 

@@ -345,7 +345,7 @@ def unstable(model: Model) -> list[str]:
     if not model.shaken:
         return [
             "excitation must contain noise or a sine that shakes where no stop limits the motion, "
-            "got a modulation alone; stability says whether it grows"
+            "got a modulation alone; growth says whether it grows"
         ]
     found = growth(model, 2)
     if found is None or found < -STILL * model.modal.fastest:

@@ -1,5 +1,5 @@
-"""Errors and limits. Chapters: sizes that are refused before memory is taken; control characters in
-names; errors that the package raises."""
+"""Errors and limits. Chapters: names of an earlier version; sizes that are refused before memory is
+taken; control characters in names; errors that the package raises."""
 
 from __future__ import annotations
 
@@ -7,8 +7,26 @@ import errno
 import math
 import os
 import re
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
+
+# ------------------------------------------------------------------------------
+# Names of an earlier version, which are found for one version more.
+# ------------------------------------------------------------------------------
+
+
+RENAMED = {"jolt": "perturbations", "jolts": "perturbations", "stability": "growth"}
+"""Earlier names of commands and functions with those of today."""
+
+
+def name_of_today(name: str) -> str:
+    """The name that is meant by an earlier one, with a warning to who asks a module for that."""
+    if name in RENAMED:
+        words = f"{name} is called {RENAMED[name]} now; the next version drops it"
+        warnings.warn(words, DeprecationWarning, stacklevel=3)
+    return RENAMED.get(name, name)
+
 
 # ------------------------------------------------------------------------------
 # Sizes beyond which something is refused before memory is taken for it.

@@ -350,7 +350,7 @@ def lifetimes(
     See Also
     --------
     stochvi.methods.periodic.basins : What a start ends in without noise.
-    stochvi.isolators.jolts : What a jolt does.
+    stochvi.isolators.perturbations : What a perturbation does.
 
     Examples
     --------

@@ -16,7 +16,8 @@ from stochvi.mathematics.units import RATE
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import Aloft, ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
-from stochvi.model.coverage import functions_of_arrays, growth, linear_system
+from stochvi.model.coverage import functions_of_arrays, linear_system
+from stochvi.model.coverage import growth as growth_of_moments
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import DataFrame, Result, frame_of
 from stochvi.results.errors import NotApplicable
@@ -58,7 +59,7 @@ class Stability(Result):
 
     See Also
     --------
-    stochvi.stability : The calculation.
+    stochvi.growth : The calculation.
     """
 
     kind = "stability"
@@ -104,7 +105,7 @@ class Stability(Result):
 
 @calculation
 @sampled(rel_error=0.02)
-def stability(scene: Scene, **options: Unpack[AccuracyOptions]) -> Stability:
+def growth(scene: Scene, **options: Unpack[AccuracyOptions]) -> Stability:
     """Find whether the motion of a modulated structure grows without its stops.
 
     Of x'' + b (1 + xi) x' + W^2 (1 + eta) x = 0, and alike for several coordinates, the Lyapunov
@@ -149,7 +150,7 @@ def stability(scene: Scene, **options: Unpack[AccuracyOptions]) -> Stability:
     ...         Modulation(of="stiffness", amplitude=0.2, frequency_hz=1.0 / math.pi)
     ...     ],
     ... )
-    >>> stability(shaft).summary()
+    >>> growth(shaft).summary()
     'unstable: almost every motion grows, at 0.03994 1/s'
     """
     run = Run.of(options)
@@ -161,8 +162,8 @@ def stability(scene: Scene, **options: Unpack[AccuracyOptions]) -> Stability:
     if not model.modulations:
         conditions.append("excitation must modulate stiffness or damping, got nothing that does")
     if conditions:
-        raise NotApplicable("stability", conditions)
-    means, squares = (_exact(growth(model, power)) for power in (1, 2))
+        raise NotApplicable("growth", conditions)
+    means, squares = (_exact(growth_of_moments(model, power)) for power in (1, 2))
     sines = all(part.modulation.amplitude for part in model.modulations if part.modulation)
     taken = None
     if sines and means is not None:

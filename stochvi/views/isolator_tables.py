@@ -1,5 +1,5 @@
 """Descriptions of isolators. Chapters: changed scenes and productions; a sizing; missions with
-phases, and ratios of damage; screening, clearances and jolts; pictures of missions."""
+phases, and ratios of damage; screening, clearances and perturbations; pictures of missions."""
 
 from __future__ import annotations
 
@@ -639,7 +639,7 @@ def damage_sizing_told(found: DamageSizing) -> Told:
 
 
 # ------------------------------------------------------------------------------
-# Screening, clearances and jolts.
+# Screening, clearances and perturbations.
 # ------------------------------------------------------------------------------
 
 
@@ -714,11 +714,11 @@ def curve_told(curve: DataFrame, notes: Sequence[str] = ()) -> Told:
 
 
 def jolts_told(found: Jolts) -> Told:
-    """Whether jolts lead to clatter, and the shares of paths."""
+    """Whether perturbations lead to clatter, and the shares of paths."""
     grids = Grid.by(
         f"shares of {found.paths} paths, watched for {found.duration:.3g} s",
         {
-            f"jolt ({SPEED})": lambda row: SPEED(row["jolt"]),
+            f"perturbation ({SPEED})": lambda row: SPEED(row["jolt"]),
             "captured": lambda row: row["captured"],
             "95 % interval": lambda row: f"{row['captured_low']:.3g} to {row['captured_high']:.3g}",
             "on both stops": lambda row: row["on_both_stops"],

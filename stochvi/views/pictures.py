@@ -429,7 +429,7 @@ def plot_cost(found: WorkPrecision, ax: Axes | None = None) -> Axes:
 
 
 def plot_jolts(found: Jolts, ax: Axes | None = None) -> Axes:
-    """Share of jolts that lead to clatter against their speed, with exact 95 % intervals."""
+    """Share of paths that perturbations throw into clatter, with exact 95 % intervals."""
     ax = axes_or_new(ax)
     rows = found.to_frame()
     share = rows["captured"]
@@ -438,7 +438,7 @@ def plot_jolts(found: Jolts, ax: Axes | None = None) -> Axes:
         SPEED(rows["jolt"]), share, yerr=bars, fmt="o-", capsize=3, color=COLOURS["simulate"]
     )
     ax.set_ylim(0.0, 1.05)
-    ax.set_xlabel(f"jolt ({SPEED})")
+    ax.set_xlabel(f"perturbation of the velocity ({SPEED})")
     ax.set_ylabel("share captured by clatter")
     add_grid(ax)
     return ax

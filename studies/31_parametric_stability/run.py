@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy.integrate import quad
 
-from stochvi import ImpactPair, Oscillator, Restitution, Scene, simulate, stability
+from stochvi import ImpactPair, Oscillator, Restitution, Scene, growth, simulate
 from stochvi.scenes import Modulation
 from stochvi.views.files import write_picture
 
@@ -58,7 +58,7 @@ def chart(quick: bool) -> pd.DataFrame:
     amplitudes = np.linspace(0.02, 1.0, 6 if quick else 36)
     return pd.DataFrame([
         {"part": "sine", "ratio": ratio, "h": h,
-         "exponent": stability(oscillator(sine(h, ratio))).lyapunov_exponent.value}
+         "exponent": growth(oscillator(sine(h, ratio))).lyapunov_exponent.value}
         for ratio in ratios for h in amplitudes
     ])  # fmt: skip
 
@@ -68,7 +68,7 @@ def with_noise(quick: bool) -> pd.DataFrame:
     rows = []
     for ratio in (2.0,) if quick else (0.7, 1.0, 1.4, 1.7, 2.0, 2.3):
         for h in (0.1, 0.5) if quick else (0.05, 0.15, 0.3, 0.5, 0.8):
-            found = stability(
+            found = growth(
                 oscillator(sine(h, ratio), white(NOISE)), rel_error=0.2 if quick else 0.03, seed=1
             ).lyapunov_exponent
             rows.append({"part": "sine and noise", "ratio": ratio, "h": h, "S": NOISE,
@@ -80,7 +80,7 @@ def noise_alone(quick: bool) -> pd.DataFrame:
     """Exponents and growth of mean squares under white noise."""
     rows = []
     for S in (0.1, 0.4) if quick else (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6):
-        found = stability(oscillator(white(S)), rel_error=0.2 if quick else 0.02, seed=2)
+        found = growth(oscillator(white(S)), rel_error=0.2 if quick else 0.02, seed=2)
         assert found.mean_square_growth is not None
         rows.append({
             "part": "noise", "S": S, "exponent": found.lyapunov_exponent.value,

@@ -510,7 +510,7 @@ def in_help(text: str) -> list[str]:
 
 
 def test_the_help_names_each_command_in_few_lines(stochvi: Run, monkeypatch: pytest.MonkeyPatch):
-    after_sine = set(program.UNDER_SINE.values())
+    after_sine = set(program.UNDER_SINE) - set(program.RENAMED)
     assert {*in_help(stochvi("--help").out)} | after_sine == {*main.commands}
     assert sum(map(len, program.HELP.values())) <= MOST_LINES
     monkeypatch.setitem(main.commands, "unnamed", main.commands["size"])
@@ -521,12 +521,24 @@ def test_motions_under_a_sine_are_also_asked_after_sine(
     stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.chdir(tmp_path)
-    for name, command in program.UNDER_SINE.items():
-        assert stochvi("sine", name, "--help") == stochvi(command, "--help")
+    for name in program.UNDER_SINE:
+        assert stochvi("sine", name, "--help") == stochvi(name, "--help")
     shutil.copy(shipped_scene("isolator-sine"), "basins")
     asked = ("--from", "60", "--to", "120", "--points", "3")
     assert stochvi("sine", "./basins", *asked).code == 0
     assert stochvi("sine", "basins", *asked).code == 2
+
+
+@pytest.mark.parametrize(("old", "name"), program.RENAMED.items())
+def test_a_command_is_found_by_its_earlier_name_with_a_note_on_stderr_alone(
+    stochvi: Run, old: str, name: str
+):
+    asked = ("--help",)
+    code, out, err = stochvi(old, *asked)
+    assert (code, out) == stochvi(name, *asked)[:2]
+    assert err == f"note: {old} is called {name} now; the next version drops it\n"
+    assert stochvi(name, *asked)[2] == ""
+    assert old not in main.commands and old not in in_help(stochvi("--help").out)
 
 
 def test_python_m_stochvi_is_the_command():
@@ -1121,9 +1133,9 @@ HANDED_ON = [
     ("sine", "stochvi.methods.periodic.harmonic_response", MOUNT),
     ("basins", "stochvi.methods.periodic.basins", MOUNT),
     ("bifurcation --from 90 --to 100", "stochvi.methods.periodic.bifurcation", MOUNT),
-    ("stability", "stochvi.statistics.stability.stability", ELASTIC),
+    ("growth", "stochvi.statistics.stability.growth", ELASTIC),
     ("lifetimes", "stochvi.statistics.lifetimes.lifetimes", MOUNT),
-    ("jolt --speeds 0.3", "stochvi.isolators.jolt_response.jolts", MOUNT),
+    ("perturbations --speeds 0.3", "stochvi.isolators.jolt_response.perturbations", MOUNT),
     ("absorber --sine", "stochvi.absorbers.absorber_sine", BOX),
     ("sweep --vary structure.stiffness=1,2", "stochvi.sweeps.sweep", ELASTIC),
     ("exact", "stochvi.methods.closed_form.exact", ELASTIC),

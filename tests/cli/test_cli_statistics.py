@@ -275,7 +275,7 @@ def test_the_growth_of_a_modulated_motion_needs_no_option(stochvi: Run, tmp_path
     modulated = {**DOCUMENT, "excitation": [*DOCUMENT["excitation"], noise]}
     path = tmp_path / "modulated.toml"
     path.write_text(to_toml(modulated), encoding="utf-8")
-    code, out, _ = stochvi("stability", path, "--json", "-", "--out", tmp_path)
+    code, out, _ = stochvi("growth", path, "--json", "-", "--out", tmp_path)
     exponent = one_document(out)["lyapunov_exponent"]
     assert code == 0 and exponent["value"] < 0.0
     assert exponent["standard_error"] <= 0.02 * abs(exponent["value"])

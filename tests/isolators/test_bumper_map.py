@@ -37,7 +37,7 @@ from stochvi import (
 from stochvi.cli import main
 from stochvi.isolators import BumperMap, bumper_map, jolt_response
 from stochvi.isolators.bumpers import QUANTITIES, stiffness_of
-from stochvi.isolators.jolt_response import SETTLING_WINDOWS, WINDOW_PERIODS, jolts
+from stochvi.isolators.jolt_response import SETTLING_WINDOWS, WINDOW_PERIODS, perturbations
 from stochvi.isolators.screening import at_clearances, screen
 from stochvi.isolators.sizing.review import WindowSampler, clatter, plan_windows
 from stochvi.isolators.tolerances import changed_stops
@@ -528,7 +528,7 @@ def mount(clearance: float, restitution: float = 0.5, noise: float = 0.0) -> Sce
 
 
 def test_below_the_energy_boundary_jolts_are_caught_and_stay() -> None:
-    found = jolts(mount(0.8 * BOUNDARY), [0.0, 0.3], paths=64)
+    found = perturbations(mount(0.8 * BOUNDARY), [0.0, 0.3], paths=64)
     assert found.resonance is not None
     assert found.resonance.energy_boundary == pytest.approx(BOUNDARY, rel=5e-5)
     assert not found.captured[0].any()
@@ -574,7 +574,7 @@ def test_a_path_that_leaves_within_a_window_left_in_its_middle(
 
     monkeypatch.setattr(jolt_response, "_hits", hits)
     window = WINDOW_PERIODS * 2.0 * math.pi / DRIVE
-    found = jolts(mount(0.8 * BOUNDARY), [0.3], paths=2, duration=20.0 * window)
+    found = perturbations(mount(0.8 * BOUNDARY), [0.3], paths=2, duration=20.0 * window)
     assert found.watched[0] == pytest.approx([3.5 * window, (20 - SETTLING_WINDOWS) * window])
     # one departure is too few for a rate: it has an upper limit
     rate, low, high = found.escape_rate()
@@ -600,7 +600,7 @@ def departures(
 @pytest.mark.parametrize("windows", [20, 100, 400])
 def test_transients_of_the_jolt_are_no_departures_at_a_constant_rate(windows: int) -> None:
     """How long clatter lasts is the same for whatever time it is watched, or is not told."""
-    one = jolts(mount(0.8 * BOUNDARY), [0.3], paths=1)
+    one = perturbations(mount(0.8 * BOUNDARY), [0.3], paths=1)
     for rate, transients in ((0.0, 0.25), (0.004, 0.0), (0.004, 0.25), (0.05, 0.0)):
         missed, told = 0, 0
         for seed in range(8):
@@ -624,12 +624,12 @@ def test_clatter_in_noise_lasts_as_long_as_life_times_say() -> None:
     (known,) = lifetimes(loud, [regime], rel_error=0.2, seed=1).regimes
     assert known.life_time is not None
     for duration in (5.0, 20.0, 60.0):
-        rate, low, high = jolts(loud, [0.3], paths=64, duration=duration).escape_rate()
+        rate, low, high = perturbations(loud, [0.3], paths=64, duration=duration).escape_rate()
         error = math.hypot(math.log(high / low) / 3.92, 1.0 / math.sqrt(known.left))
         assert_agrees(
             Estimate(value=math.log(1.0 / rate), standard_error=error), math.log(known.life_time)
         )
-        weak = jolts(mount(4e-4, noise=1e-2), [0.3], paths=64, duration=duration)
+        weak = perturbations(mount(4e-4, noise=1e-2), [0.3], paths=64, duration=duration)
         assert weak.left.any() and not weak.escape_rate()[0] > 0.0
         assert "for the others it lasts longer than" in weak.summary()
 
@@ -637,8 +637,8 @@ def test_clatter_in_noise_lasts_as_long_as_life_times_say() -> None:
 @pytest.mark.parametrize("part", [1.005, pytest.param(1.1, marks=pytest.mark.verify)])
 def test_beyond_the_energy_boundary_clatter_dies(part: float) -> None:
     """As transient chaos does: what is there at first is left again and again."""
-    found = jolts(mount(part * BOUNDARY), [0.3], paths=32, duration=120.0)
-    early = jolts(mount(0.99 * BOUNDARY), [0.3], paths=32, duration=120.0)
+    found = perturbations(mount(part * BOUNDARY), [0.3], paths=32, duration=120.0)
+    early = perturbations(mount(0.99 * BOUNDARY), [0.3], paths=32, duration=120.0)
     assert found.resonant.mean() < early.resonant.mean() / 2.0
     assert found.left.sum() >= found.captured.sum() - 2
     assert early.left.sum() <= 2
@@ -680,7 +680,7 @@ def brute_force(clearance: float, speed: float, paths: int, periods: int) -> tup
 def test_the_share_of_captured_jolts_is_that_of_a_brute_force() -> None:
     """Both are shares of independent phases; 4.5 binomial standard errors."""
     clearance, speed = 0.9 * BOUNDARY, 0.2
-    found = jolts(mount(clearance), [speed], paths=128)
+    found = perturbations(mount(clearance), [speed], paths=128)
     share = float(found.captured.mean())
     expected, on_both = brute_force(clearance, speed, 128, 100)
     # two shares, of binomial variances of at most a quarter
@@ -694,8 +694,8 @@ def test_the_share_of_captured_jolts_is_that_of_a_brute_force() -> None:
 
 
 def test_noise_throws_the_mount_out_again() -> None:
-    quiet = jolts(mount(0.9 * BOUNDARY), [0.3], paths=128, duration=20.0)
-    noisy = jolts(mount(0.9 * BOUNDARY, noise=0.3), [0.3], paths=128, duration=20.0)
+    quiet = perturbations(mount(0.9 * BOUNDARY), [0.3], paths=128, duration=20.0)
+    noisy = perturbations(mount(0.9 * BOUNDARY, noise=0.3), [0.3], paths=128, duration=20.0)
     # without noise a path may still leave that had not settled into a regime
     assert noisy.escape_rate()[1] > quiet.escape_rate()[2]
     assert "it lasts" in noisy.summary()
@@ -708,7 +708,7 @@ def test_a_base_and_a_force_are_the_same_sine() -> None:
         impact_pairs=[stops],
         excitations=[Sine(amplitude=AMPLITUDE, frequency_hz=DRIVE / (2.0 * math.pi))],
     )
-    found = jolts(based, [0.3], paths=32)
+    found = perturbations(based, [0.3], paths=32)
     assert found.resonance is not None
     assert found.resonance.energy_boundary == pytest.approx(BOUNDARY, rel=5e-5)
     assert found.captured.any()
@@ -725,21 +725,23 @@ def test_a_budget_that_ends_keeps_the_jolts_that_were_simulated(
         late[0] = 100.0 if share >= 0.5 else 0.0
 
     scene = mount(0.8 * BOUNDARY)
-    with pytest.raises(NotConverged, match="budget of 50 s ended after 1 of 2 jolts") as ended:
-        jolts(scene, [0.3, 0.2], paths=8, budget=50.0, progress=report)
-    answer, whole = ended.value.partial, jolts(scene, [0.3, 0.2], paths=8)
+    with pytest.raises(
+        NotConverged, match="budget of 50 s ended after 1 of 2 perturbations"
+    ) as ended:
+        perturbations(scene, [0.3, 0.2], paths=8, budget=50.0, progress=report)
+    answer, whole = ended.value.partial, perturbations(scene, [0.3, 0.2], paths=8)
     assert answer.speeds == (0.3,) and whole.speeds == (0.3, 0.2)
     assert (answer.watched[0] == whole.watched[0]).all()
     assert done == sorted(done) and (done[0], done[-1]) == (0.0, 0.5)
-    with pytest.raises(NotConverged, match="before the paths of a jolt") as ended:
-        jolts(scene, [0.3], paths=8, budget=1e-9)
+    with pytest.raises(NotConverged, match="before the paths of a perturbation") as ended:
+        perturbations(scene, [0.3], paths=8, budget=1e-9)
     assert ended.value.partial is None
 
 
 def test_unequal_stops_have_no_symmetric_regime() -> None:
     scene = mount(4e-4)
     pair = ImpactPair(lower=-3e-4, upper=4e-4, law=Restitution(coefficient=0.5))
-    found = jolts(scene.model_copy(update={"impact_pairs": (pair,)}), [0.3], paths=8)
+    found = perturbations(scene.model_copy(update={"impact_pairs": (pair,)}), [0.3], paths=8)
     assert found.resonance is None
     assert found.clearance == 3e-4
 
@@ -751,11 +753,11 @@ def test_what_cannot_be_jolted_is_said() -> None:
         excitations=[WhiteNoise(intensity=1.0)],
     )
     with pytest.raises(NotApplicable, match="must have one sine, got 0"):
-        jolts(noise, [1.0])
+        perturbations(noise, [1.0])
     with pytest.raises(ValueError, match="speeds must be at least one finite number"):
-        jolts(mount(4e-4), [])
+        perturbations(mount(4e-4), [])
     with pytest.raises(ValueError, match="duration must be a positive number"):
-        jolts(mount(4e-4), [0.1], duration=-1.0)
+        perturbations(mount(4e-4), [0.1], duration=-1.0)
 
 
 def test_the_command_tells_boundary_capture_and_escape(tmp_path) -> None:
@@ -776,7 +778,7 @@ def test_the_command_tells_boundary_capture_and_escape(tmp_path) -> None:
         frequency_hz = 99.9493
         """
     )
-    arguments = ["jolt", str(file), "--speeds", "0,0.3", "--paths", "16"]
+    arguments = ["perturbations", str(file), "--speeds", "0,0.3", "--paths", "16"]
     result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
     assert "0.4494 mm" in result.output and "0.4 mm" in result.output
@@ -789,7 +791,7 @@ def test_the_command_tells_boundary_capture_and_escape(tmp_path) -> None:
 def test_boundaries_and_the_free_amplitude_are_those_of_the_motion() -> None:
     """The amplitude of the motion without stops is a frequency response; B 9.15 is the boundary of
     the harmonic linearisation."""
-    document = jolts(mount(0.8 * BOUNDARY), [0.0], paths=2).to_dict()
+    document = perturbations(mount(0.8 * BOUNDARY), [0.0], paths=2).to_dict()
     gain = 1.0 / (OMEGA**2 - DRIVE**2 + 1j * DAMPING * DRIVE)
     assert document["free_amplitude"] == pytest.approx(AMPLITUDE * abs(gain), rel=1e-9)
     assert document["energy_boundary"] == pytest.approx(BOUNDARY, rel=5e-5)
@@ -818,8 +820,8 @@ def test_a_reed_of_one_mode_is_captured_as_its_mass_is() -> None:
         impact_pairs=[ImpactPair(upper=5e-4, law=Restitution(coefficient=0.6))],
         excitations=[Sine(amplitude=3.0 * participation, frequency_hz=45.0)],
     )
-    found = jolts(scene, [0.0, 0.1], paths=32, duration=2.5)
-    wanted = jolts(mass, [0.0, 0.1 * participation], paths=32, duration=2.5)
+    found = perturbations(scene, [0.0, 0.1], paths=32, duration=2.5)
+    wanted = perturbations(mass, [0.0, 0.1 * participation], paths=32, duration=2.5)
     assert judges.columns_without_judge(found) == []
     assert found.captured.tolist() == wanted.captured.tolist()
     assert found.captured[1].any() and not found.captured[0].any()
@@ -829,5 +831,5 @@ def test_a_reed_of_one_mode_is_captured_as_its_mass_is() -> None:
 def test_a_jolt_throws_a_reed_of_three_modes_onto_its_stop() -> None:
     """Rigid or of spring steel; without a jolt it stays clear of either."""
     for law in (Restitution(coefficient=0.6), Elastic(stiffness=2e4)):
-        found = jolts(jolted_reed(3, law), [0.0, 0.2], paths=8, duration=2.5)
+        found = perturbations(jolted_reed(3, law), [0.0, 0.2], paths=8, duration=2.5)
         assert not found.captured[0].any() and found.captured[1].any()

@@ -54,7 +54,7 @@ from stochvi.engine.arithmetic import uniform_of
 from stochvi.engine.calls import functions_of, mean_rebound_of, rebound_of, row_of_numbers
 from stochvi.engine.parts import is_rigid, rebound
 from stochvi.identification import Rebounds, identify
-from stochvi.isolators.jolt_response import jolts
+from stochvi.isolators.jolt_response import perturbations
 from stochvi.mathematics.impact_rates import (
     COLLAPSE_RESTITUTION,
     BetaDistribution,
@@ -921,9 +921,9 @@ def test_no_error_is_taken_from_the_atlas_of_constant_restitutions() -> None:
     [
         (exact, r"restitution must be 1 \(an elastic stop\), got 0.7 \+- 0.1"),
         (lambda scene: harmonic_response(sine(scene)), "which scatters; give its mean alone"),
-        (lambda scene: jolts(sine(scene), [1.0]), "which scatters; give its mean alone"),
+        (lambda scene: perturbations(sine(scene), [1.0]), "which scatters; give its mean alone"),
     ],
-    ids=["exact", "sine", "jolts"],
+    ids=["exact", "sine", "perturbations"],
 )
 def test_methods_that_cannot_follow_it_say_so(method: Callable[[Scene], Any], words: str) -> None:
     with pytest.raises(NotApplicable, match=words):

@@ -35,7 +35,7 @@ from stochvi import Elastic, ImpactPair, Isolator, Oscillator, Restitution, Scen
 from stochvi.cli.answer_schema import answer_schema
 from stochvi.cli.program import main
 from stochvi.identification import DropRecord, ForceCurve, Rebounds
-from stochvi.isolators import Spread, jolts
+from stochvi.isolators import Spread, perturbations
 from stochvi.isolators.record_verdict import response_law
 from stochvi.isolators.sizing import Sizing
 from stochvi.mathematics.units import shown_as, shown_in, units_of, units_passed_over
@@ -166,7 +166,7 @@ ANSWERS: dict[str, Callable[[], Result]] = {
     ),
     "Replay": replayed,
 }  # fmt: skip
-"""A small answer of each kind. Best boxes, jolts and life times take long, see their own tests."""
+"""A small answer of each kind. Those that take long are made in their own tests."""
 
 
 ANSWERS_SCHEMA = answer_schema()
@@ -839,7 +839,10 @@ QUESTIONS = {
         "--start displacement.x must be at most 1000000",
     ),
     "history": ((BUMPER, "--duration", "1e6"), r"ask for about 1.2e\+04 s or less"),
-    "jolt": ((MOUNT, "--speeds", "0.1", "--paths", MANY), "paths must be at most 1[0-9]{5}, got"),
+    "perturbations": (
+        (MOUNT, "--speeds", "0.1", "--paths", MANY),
+        "paths must be at most 1[0-9]{5}, got",
+    ),
 }
 
 
@@ -862,7 +865,7 @@ def test_a_command_refuses_what_would_not_fit(stochvi: RunOfCommands, command: s
         lambda scene: record_path(scene, duration=1e12),
         lambda scene: stochvi.history(scene, duration=10.0, rate=1e300),
         lambda scene: stochvi.history(scene, duration=1e12),
-        lambda scene: jolts(stochvi.load_scene(MOUNT), [0.1], paths=10**9),
+        lambda scene: perturbations(stochvi.load_scene(MOUNT), [0.1], paths=10**9),
     ],
 )
 def test_a_function_refuses_what_would_not_fit(ask: Callable[[Any], Any]) -> None:

@@ -48,7 +48,7 @@ from stochvi.statistics.lifetimes import lifetimes
 from stochvi.statistics.rare_hits import rare_hits
 from stochvi.statistics.reliability import reliability
 from stochvi.statistics.spectra import spectrum
-from stochvi.statistics.stability import stability
+from stochvi.statistics.stability import growth
 from stochvi.sweeps import sweep
 from stochvi.verification.cost import cost
 from support import CHECKOUT
@@ -178,7 +178,7 @@ MODULATED = FREE.model_copy(update={"excitations": (Modulation(of="stiffness", i
 
 
 def _stability(**how: Any) -> object:
-    return stability(MODULATED, **{"rel_error": 0.05, "seed": 3, "budget": None} | how).rates
+    return growth(MODULATED, **{"rel_error": 0.05, "seed": 3, "budget": None} | how).rates
 
 
 def _basins(**how: Any) -> object:
@@ -261,7 +261,7 @@ SAMPLERS = {
     "densities": _densities,
     "reliability": _reliability,
     "lifetimes": _lifetimes,
-    "stability": _stability,
+    "growth": _stability,
     "basins": _basins,
     "sweep": _sweep,
     "size": _size,

@@ -35,6 +35,7 @@ from stochvi import (
     absorber,
     damage,
     exact,
+    growth,
     load_answer,
     load_scene,
     mean_over_units,
@@ -43,7 +44,6 @@ from stochvi import (
     screen,
     simulate,
     size,
-    stability,
     sweep,
 )
 from stochvi.cli.options import tolerances_of
@@ -51,7 +51,7 @@ from stochvi.cli.scenes import TEMPLATE
 from stochvi.engine.parts import kicked, pull
 from stochvi.engine.parts import moved as moved_of_parts
 from stochvi.isolators import Spread, production
-from stochvi.isolators.jolt_response import jolts
+from stochvi.isolators.jolt_response import perturbations
 from stochvi.isolators.production_risk import Units
 from stochvi.isolators.screening import at_clearances
 from stochvi.isolators.tolerances import Region, Tolerances, spreads_of
@@ -442,10 +442,10 @@ def test_a_mount_under_the_centre_drives_its_box_as_an_oscillator() -> None:
         structure=Oscillator(mass=12.0, damping=damping, stiffness=stiffness),
         excitations=[Modulation(**keys | {"amplitude": 0.5 * 6.0 / 14.0})],
     )
-    growth = stability(on_box(box, keys | {"on": "mount 5", "axis": "z"})).lyapunov_exponent
-    known = stability(alone).lyapunov_exponent
-    assert growth.value == pytest.approx(known.value, rel=1e-6) and known.value > 0.0
-    other = stability(on_box(box, keys | {"on": "mount 5", "axis": "x"})).lyapunov_exponent
+    found = growth(on_box(box, keys | {"on": "mount 5", "axis": "z"})).lyapunov_exponent
+    known = growth(alone).lyapunov_exponent
+    assert found.value == pytest.approx(known.value, rel=1e-6) and known.value > 0.0
+    other = growth(on_box(box, keys | {"on": "mount 5", "axis": "x"})).lyapunov_exponent
     assert other.value < 0.0  # the control: along x it leaves that motion alone
 
 
@@ -861,13 +861,16 @@ def test_what_is_not_told_of_units_is_told_of_their_mean() -> None:
         impact_pairs=[ImpactPair(clearance={"mean": 0.01, "std": 1e-4}, law=stiff)],
     )  # fmt: skip
     answers = [
-        absorber(loose, levels_db=[0.0], rel_error=0.3), jolts(jolted, [0.3], paths=2, duration=4.0)
+        absorber(loose, levels_db=[0.0], rel_error=0.3),
+        perturbations(jolted, [0.3], paths=2, duration=4.0),
     ]  # fmt: skip
     for found in answers:
         (told,) = (each for each in found.warnings if "differ between units" in each)
         assert told.startswith("numbers that differ between units are at their means")
     plain = jolted.replace(impact_pairs=[ImpactPair(clearance=0.01, law=stiff)])
-    assert not any("units" in each for each in jolts(plain, [0.3], paths=2, duration=4.0).warnings)
+    assert not any(
+        "units" in each for each in perturbations(plain, [0.3], paths=2, duration=4.0).warnings
+    )
 
 
 def test_a_warm_mount_and_stops_that_move_differ_as_before() -> None:

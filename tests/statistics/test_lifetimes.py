@@ -22,8 +22,8 @@ from stochvi import (
     Sine,
     TabulatedNoise,
     WhiteNoise,
+    growth,
     load_scene,
-    stability,
 )
 from stochvi.results.deadline import NEVER
 from stochvi.results.estimates import poisson_interval
@@ -431,7 +431,7 @@ def exponent(intensity: float, b: float = B, w: float = W) -> float:
 
 @pytest.mark.parametrize("intensity", [0.05, 0.4, 2.0])
 def test_white_noise_on_a_spring_has_the_exponent_of_its_closed_form(intensity: float) -> None:
-    found = stability(scene_of(Modulation(of="stiffness", intensity=intensity)), seed=3)
+    found = growth(scene_of(Modulation(of="stiffness", intensity=intensity)), seed=3)
     known = exponent(intensity)
     assert_agrees(found.lyapunov_exponent, known)
     if intensity == 0.05:  # weak: -b / 2 + w^2 S / 8
@@ -445,21 +445,21 @@ def test_white_noise_on_a_spring_has_the_exponent_of_its_closed_form(intensity: 
 def test_white_noise_on_a_damper_is_that_of_stratonovich() -> None:
     """Weak noise: -b / 2 + b^2 S / 8; by Ito it were -b / 2 - b^2 S / 8."""
     intensity = 0.8
-    found = stability(scene_of(Modulation(of="damping", intensity=intensity)), seed=3)
+    found = growth(scene_of(Modulation(of="damping", intensity=intensity)), seed=3)
     shift = B**2 * intensity / 8.0
     assert found.lyapunov_exponent.value == pytest.approx(-B / 2.0 + shift, abs=0.4 * shift)
 
 
 def test_noise_of_a_wide_band_has_the_exponent_of_white_noise() -> None:
     filtered = Modulation(of="stiffness", intensity=0.4, frequency_hz=12.0, zeta=0.7)
-    found = stability(scene_of(filtered), rel_error=0.03, seed=3).lyapunov_exponent
+    found = growth(scene_of(filtered), rel_error=0.03, seed=3).lyapunov_exponent
     assert found.value == pytest.approx(exponent(0.4), abs=4.5 * found.standard_error + 0.01)
 
 
 def test_slow_noise_has_the_exponent_of_a_plain_twin() -> None:
     """500 paths of filtered noise by steps of kick, way, kick in numpy, scaled at each step."""
     slow = Modulation(of="stiffness", intensity=0.15, frequency_hz=0.6, zeta=0.2)
-    found = stability(scene_of(slow), seed=3).lyapunov_exponent
+    found = growth(scene_of(slow), seed=3).lyapunov_exponent
     assert slow.filter is not None
     omega, rate, intensity = slow.filter
     generator, h, paths = np.random.default_rng(5), 0.01, 400
@@ -488,9 +488,7 @@ def test_slow_noise_has_the_exponent_of_a_plain_twin() -> None:
 
 def test_sines_have_the_multipliers_of_floquet() -> None:
     """No number is drawn, and the result is that of twice the squares."""
-    found = stability(
-        scene_of(Modulation(of="stiffness", amplitude=0.5, frequency_hz=2.0 / math.pi))
-    )
+    found = growth(scene_of(Modulation(of="stiffness", amplitude=0.5, frequency_hz=2.0 / math.pi)))
     assert found.lyapunov_exponent.standard_error == 0.0 and found.cost.steps == 0
     assert found.lyapunov_exponent.value == pytest.approx(0.5 * W / 4.0 - B / 2.0, abs=0.02)
     assert found.mean_square_growth is not None
@@ -502,12 +500,12 @@ def test_sines_have_the_multipliers_of_floquet() -> None:
 def test_stops_and_other_noise_do_not_count() -> None:
     """Stability is that of rest, also where the scene has more."""
     white = Modulation(of="stiffness", intensity=0.1)
-    alone = stability(scene_of(white), rel_error=0.1, seed=3)
+    alone = growth(scene_of(white), rel_error=0.1, seed=3)
     more = scene_of(
         white, excitations=[WhiteNoise(intensity=0.4)],
         impact_pairs=[ImpactPair(upper=1.0, law=Restitution(coefficient=0.8))],
     )  # fmt: skip
-    assert stability(more, rel_error=0.1, seed=3).lyapunov_exponent == alone.lyapunov_exponent
+    assert growth(more, rel_error=0.1, seed=3).lyapunov_exponent == alone.lyapunov_exponent
 
 
 def test_a_spring_between_coordinates() -> None:
@@ -524,7 +522,7 @@ def test_a_spring_between_coordinates() -> None:
     )  # fmt: skip
     w2 = k + 2.0 * between
     share = 2.0 * between / w2
-    found = stability(two, seed=1)
+    found = growth(two, seed=1)
     known = exponent(3.2 * share**2, c, math.sqrt(w2))
     assert_agrees(found.lyapunov_exponent, known)
     assert found.summary().startswith("stable, but mean squares grow")
@@ -535,23 +533,23 @@ def test_without_damping_noise_excites_all_the_same() -> None:
         structure=Oscillator(mass=1.0, damping=0.0, stiffness=4.0),
         excitations=[Modulation(of="stiffness", intensity=0.05)],
     )
-    assert_agrees(stability(free, seed=1).lyapunov_exponent, exponent(0.05, 0.0))
+    assert_agrees(growth(free, seed=1).lyapunov_exponent, exponent(0.05, 0.0))
 
 
 def test_what_is_not_modulated_is_refused() -> None:
     with pytest.raises(NotApplicable, match="excitation must modulate stiffness or damping"):
-        stability(scene_of(excitations=[WhiteNoise(intensity=1.0)]))
+        growth(scene_of(excitations=[WhiteNoise(intensity=1.0)]))
     spring = {"kind": "duffing", "cubic_stiffness": 1.0}
     structure = Oscillator(mass=1.0, damping=0.1, stiffness=1.0, spring=spring)
     scene = Scene(structure=structure, excitations=[Modulation(of="stiffness", intensity=0.1)])
     with pytest.raises(NotApplicable, match="spring must be linear, got kind 'duffing'"):
-        stability(scene)
+        growth(scene)
 
 
 def test_the_boundary_of_mean_squares_is_answered() -> None:
     """Mean squares neither grow nor decay where w^2 S = 2 b, yet almost every motion decays."""
     intensity = 2.0 * B / W**2
-    found = stability(scene_of(Modulation(of="stiffness", intensity=intensity)), seed=3)
+    found = growth(scene_of(Modulation(of="stiffness", intensity=intensity)), seed=3)
     squares = found.mean_square_growth
     assert squares is not None and abs(squares.value) < 1e-9
     assert_agrees(found.lyapunov_exponent, exponent(intensity))

@@ -129,7 +129,7 @@ LONG_COMMANDS: tuple[tuple[str, ...], ...] = (
     ("clearance", "--gaps", "1,2", "--rel-error", "0.2", "--threads", "1"),
     ("reliability", "--mission", "60", "--rel-error", "0.3", "--threads", "1"),
     ("damage", "--mission", "60", "--equipment", "20:60", "--rel-error", "0.5", "--threads", "1"),
-    ("jolt", "--speeds", "1", "--paths", "2", "--duration", "2"),
+    ("perturbations", "--speeds", "1", "--paths", "2", "--duration", "2"),
     ("absorber", "--levels", "0", "--rel-error", "0.3", "--threads", "1"),
     ("absorber", "--mass-budget", "0.01", "--threads", "1"), ("cost", "--threads", "1"),
     ("sine",), ("basins", "--threads", "1"), ("bifurcation",), ("lifetimes", "--threads", "1"),

@@ -115,14 +115,14 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "size by speed": ("--impact-speed", "0.2", "--mission", "60", "--rel-error", "0.5", *QUICK),
     "size by damage": ("--damage-ratio", "2", "--mission", "5", "--equipment", "20:80:3", *QUICK),
     "size as a map": ("--map", "clearance=2mm:4mm:2,stiffness=1e5:2e5:2", "--mission", "5", *QUICK),
-    "jolt": ("--speeds", "0.1", "--paths", "2", "--duration", "1"), "replay": QUICK,
+    "perturbations": ("--speeds", "0.1", "--paths", "2", "--duration", "1"), "replay": QUICK,
     "damage of the record": ("--way", "record", "--equipment", "20:80:3", *QUICK),
     "sine": ("--from", "8", "--to", "14", "--points", "2", *QUICK),
     "lifetimes": QUICK,
     "bifurcation": (
         "--from", "10", "--to", "12", "--points", "2", "--settling", "5", "--watched", "5", *QUICK
     ),
-    "basins": ("--periods", "20", *QUICK), "stability": QUICK,
+    "basins": ("--periods", "20", *QUICK), "growth": QUICK,
     "check": ("--rel-error", "0.5", *QUICK),
     "cost": ("--budget", "1"), "absorber": QUICK,
 }  # fmt: skip

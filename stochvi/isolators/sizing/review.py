@@ -350,7 +350,7 @@ def clatter(
 
     See Also
     --------
-    stochvi.isolators.jolts : Which jolt leads to clatter.
+    stochvi.isolators.perturbations : Which perturbation leads to clatter.
     stochvi.harmonic_response : The regimes without noise.
 
     Examples

@@ -484,7 +484,7 @@ class HarmonicResonance:
     See Also
     --------
     stochvi.harmonic_response : The regimes themselves.
-    stochvi.isolators.jolts : Which jolt leads to clatter.
+    stochvi.isolators.perturbations : Which perturbation leads to clatter.
 
     Examples
     --------

@@ -1194,7 +1194,7 @@ class Modulation(BaseExcitation):
 
     See Also
     --------
-    stochvi.stability : Whether the motion without stops grows.
+    stochvi.growth : Whether the motion without stops grows.
 
     Examples
     --------

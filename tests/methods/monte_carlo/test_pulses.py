@@ -38,6 +38,7 @@ from stochvi import (
     explain,
     first_passage,
     fokker_planck,
+    growth,
     harmonic_response,
     history,
     impacts,
@@ -48,7 +49,6 @@ from stochvi import (
     simulate,
     size,
     spectrum,
-    stability,
     transient,
 )
 from stochvi.isolators import bumper_map
@@ -483,7 +483,7 @@ def test_linearise_answers_where_white_noise_is_the_same() -> None:
 @pytest.mark.parametrize(
     "calculation",
     [
-        exact, average, screen, fokker_planck, bumper_map, stability,
+        exact, average, screen, fokker_planck, bumper_map, growth,
         lambda scene: damage(scene, mission=10.0),
         lambda scene: linearise(scene, form="force"),
         lambda scene: transient(scene, [1.0, 2.0]),

@@ -24,11 +24,11 @@ from stochvi import (
     SceneError,
     TabulatedNoise,
     exact,
+    growth,
     history,
     screen,
     simulate,
     spectrum,
-    stability,
 )
 from stochvi.engine.arithmetic import (
     COLUMNS,
@@ -902,7 +902,7 @@ def test_stops_are_hit_as_under_filtered_noise() -> None:
 @pytest.mark.slow
 def test_growth_is_that_under_filtered_noise_and_under_white_noise_of_a_wide_table() -> None:
     def exponent(modulation: Modulation) -> Any:
-        found = stability(scene_of(modulation, noise=0.0), rel_error=0.02, seed=2)
+        found = growth(scene_of(modulation, noise=0.0), rel_error=0.02, seed=2)
         return found.lyapunov_exponent
 
     for table, other in (
