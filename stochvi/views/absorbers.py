@@ -337,7 +337,7 @@ def absorber_sine_told(found: AbsorberSine) -> Told:
                 ],
                 pictures=[
                     shown(
-                        lambda: draw_absorber_sine(found),
+                        lambda: plot_absorber_sine(found),
                         "Largest and least ratio of the motions that may last.",
                     )
                 ],
@@ -661,24 +661,21 @@ LOWEST = 1e-3
 """Smallest ratio that a picture shows."""
 
 
-def draw_absorber_sine(found: AbsorberSine) -> Axes:
+def plot_absorber_sine(found: AbsorberSine, ax: Axes | None = None) -> Axes:
     """Draw the ratio that the absorber leaves over frequency, and over each number that is
-    tuned."""
+    tuned; given Axes get that over frequency alone."""
     import matplotlib.pyplot as plt
 
+    if ax is not None:
+        return plot_residual(found.frequency, ax)
     curves = (found.frequency, *found.tuning)
     size = PANEL[0], PANEL[1] * len(curves)
     _, axes = plt.subplots(len(curves), 1, figsize=size, squeeze=False, layout="constrained")
-    for ax, curve in zip(axes[:, 0], curves, strict=True):
-        plot_residual(curve, ax)
+    for panel, curve in zip(axes[:, 0], curves, strict=True):
+        plot_residual(curve, panel)
     first: Axes = axes[0, 0]
     first.set_title(f"absorber of {100.0 * found.mass_ratio:.3g} % of the mass, {found.carrier}")
     return first
-
-
-def plot_absorber_sine(found: AbsorberSine, ax: Axes | None = None) -> Axes:
-    """The picture of an answer; in given axes, the panel over frequency alone."""
-    return draw_absorber_sine(found) if ax is None else plot_residual(found.frequency, ax)
 
 
 def plot_residual(curve: ResidualCurve, ax: Axes) -> Axes:

@@ -269,10 +269,10 @@ def axes_or_new(ax: Axes | None, size: tuple[float, float] = SCREEN) -> Axes:
 
 
 def add_title(ax: Axes, title: str) -> Axes:
-    """Set the title of the figure that holds these axes."""
+    """Put a title above that of the figure that holds these axes."""
     figure = ax.get_figure(root=True)
     assert figure is not None
-    figure.suptitle(title)
+    figure.suptitle("\n".join(filter(None, (title, figure.get_suptitle()))), fontsize="medium")
     return ax
 
 

@@ -47,7 +47,7 @@ from stochvi.views.sizing import (
     plot_sensitivity,
     plot_units,
 )
-from stochvi.views.statistics import damage_told, draw_damage
+from stochvi.views.statistics import damage_told, plot_damage
 from stochvi.views.tables import (
     WITHOUT_TOLERANCES,
     chance_in_words,
@@ -621,7 +621,7 @@ def _damage(found: DamageSizing) -> Section:
                 front=True,
             ),
             shown(
-                lambda: draw_damage(found.damage, ""),
+                lambda: plot_damage(found.damage),
                 "Spectra at the clearance that is nearest to the calculated one.",
             ),
         ],

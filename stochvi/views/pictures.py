@@ -19,6 +19,7 @@ from stochvi.views.axes import (
     OWNERS,
     SCREEN,
     add_grid,
+    add_title,
     around_shock,
     axes_or_new,
     in_style,
@@ -31,12 +32,6 @@ from stochvi.views.axes import (
 )
 from stochvi.views.pages import Grid, Told, told_of
 from stochvi.views.sizing import plot_pairs_risk, plot_risk
-from stochvi.views.statistics import (
-    draw_impacts,
-    draw_spectrum,
-    plot_curve,
-    plot_histogram,
-)
 from stochvi.views.tables import (
     NEGLIGIBLE,
     QUANTITY_NAMES,
@@ -57,10 +52,7 @@ if TYPE_CHECKING:
     from stochvi.results.base import PairResponse, Response, Result
     from stochvi.statistics.densities import AveragedBins, BandedDensity
     from stochvi.statistics.histories import History
-    from stochvi.statistics.impacts import ImpactStatistics
-    from stochvi.statistics.spectra import ResponseSpectrum
     from stochvi.verification.check import Check, Explanation
-    from stochvi.verification.cost import WorkPrecision
     from stochvi.verification.testing.judging import Judgement
 
 ROW_HEIGHT, LEAST_HEIGHT = 0.22, 1.6
@@ -394,40 +386,6 @@ def plot_replay(found: Replay, ax: Axes | None = None) -> Axes:
     return function_of("verification:plot_history")(single, ax)  # type: ignore[no-any-return]
 
 
-def plot_impacts(found: ImpactStatistics, ax: Axes | None = None) -> Axes:
-    """Densities of impact speeds and of the times between impacts."""
-    if ax is None:
-        return draw_impacts(found)
-    for colour, (name, pair) in zip(OWNERS, found.pairs.items(), strict=False):
-        if pair.speeds is not None:
-            plot_histogram(pair.speeds, ax, SPEED, colour=colour, label=name)
-    ax.set_xlabel(f"impact speed ({SPEED})")
-    ax.set_ylabel(f"density ({SPEED.inverse})")
-    return ax
-
-
-def plot_spectrum(found: ResponseSpectrum, ax: Axes | None = None) -> Axes:
-    """All densities of the response with their bands."""
-    if ax is None:
-        return draw_spectrum(found)
-    for colour, (name, curves) in zip(OWNERS, found.curves.items(), strict=False):
-        plot_curve(next(iter(curves.values())), ax, colour=colour, label=name)
-    ax.set_xlabel("frequency (Hz)")
-    return ax
-
-
-def plot_cost(found: WorkPrecision, ax: Axes | None = None) -> Axes:
-    """Error against CPU time, a panel for each quantity."""
-    if ax is None:
-        return function_of("verification:draw_work_precision")(found)  # type: ignore[no-any-return]
-    titles = function_of("verification:WORK_TITLES")
-    first = next(row for row in found.errors if row.quantity in titles)
-    function_of("verification:plot_work_precision")(found, first.of, first.quantity, ax)
-    ax.set_xlabel("CPU time of one core (s)")
-    ax.set_ylabel("relative error (%)")
-    return ax
-
-
 def plot_jolts(found: Jolts, ax: Axes | None = None) -> Axes:
     """Share of paths that perturbations throw into clatter, with exact 95 % intervals."""
     ax = axes_or_new(ax)
@@ -483,8 +441,8 @@ class View(NamedTuple):
 
     def draw(self, found: Any, title: str) -> Axes:
         """The picture of an answer in a folder, under the title of its scene."""
-        drawn: Axes = function_of(self.drawn or self.plot)(found, *[title] * self.titled)
-        return drawn
+        drawn: Axes = function_of(self.drawn or self.plot)(found)
+        return add_title(drawn, title) if self.titled else drawn
 
 
 def view_of(found: Any) -> View:
@@ -512,7 +470,6 @@ VIEWS = {
         "absorbers:plot_absorber_sine",
         "absorbers:absorber_sine_told",
         "absorber-sine",
-        "absorbers:draw_absorber_sine",
         report="absorbers:write_absorber_report",
     ),
     "Basins": View("sine:plot_basins", "sine:basins_told", "basins"),
@@ -521,7 +478,6 @@ VIEWS = {
         "statistics:plot_bumper_map",
         "statistics:bumper_map_told",
         "map",
-        "statistics:draw_bumper_map",
         titled=True,
     ),
     "Check": View("pictures:plot_check", "verification:check_told", "check", None),
@@ -530,7 +486,6 @@ VIEWS = {
         "statistics:plot_damage",
         "statistics:damage_told",
         "damage",
-        "statistics:draw_damage",
         titled=True,
         tables=lambda found: {} if found.test is None else {"profile": found.test.to_frame()},
     ),
@@ -553,7 +508,7 @@ VIEWS = {
     "FirstPassage": View(
         "density:plot_first_passage", "density:first_passage_told", "first_passage", None
     ),
-    "HarmonicResponse": View("sine:plot_sine", "sine:sine_told", "sine", "sine:draw_sine"),
+    "HarmonicResponse": View("sine:plot_sine", "sine:sine_told", "sine"),
     "History": View(
         "pictures:plot_motion",
         "density:history_told",
@@ -568,10 +523,9 @@ VIEWS = {
         tables=lambda found: {"curve": found.curve},
     ),
     "ImpactStatistics": View(
-        "pictures:plot_impacts",
+        "statistics:plot_impacts",
         "statistics:impacts_told",
         "impacts",
-        "statistics:draw_impacts",
         titled=True,
         tables=lambda found: {"histograms": found.histograms()},
         has_picture=lambda found: any(pair.speeds is not None for pair in found.pairs.values()),
@@ -608,11 +562,7 @@ VIEWS = {
     ),
     "Response": View("pictures:plot_response", "pictures:response_told", "response", None),
     "ResponseSpectrum": View(
-        "pictures:plot_spectrum",
-        "statistics:spectrum_told",
-        "spectrum",
-        "statistics:draw_spectrum",
-        titled=True,
+        "statistics:plot_spectrum", "statistics:spectrum_told", "spectrum", titled=True
     ),
     "Screening": View(
         "sizing:plot_screening",
@@ -625,13 +575,7 @@ VIEWS = {
     ),
     "Stability": View("sine:plot_stability", "sine:stability_told", "stability"),
     "Transient": View("pictures:plot_transient"),
-    "WorkPrecision": View(
-        "pictures:plot_cost",
-        "verification:cost_told",
-        "cost",
-        "verification:draw_work_precision",
-        titled=True,
-    ),
+    "WorkPrecision": View("verification:plot_cost", "verification:cost_told", "cost", titled=True),
 }
 """How each kind of answer is shown, by the name of its class: views do not import answers."""
 

@@ -122,18 +122,21 @@ def _range(values: np.ndarray) -> str:
     return f"{values.min():.4g} to {values.max():.4g}"
 
 
-def draw_sine(found: HarmonicResponse) -> Axes:
+def plot_sine(found: HarmonicResponse, ax: Axes | None = None) -> Axes:
     """Displacement, impact speed and acceleration of the branches: stable ones full, unstable ones
-    dashed, simulated motions as dots. A ValueError says that there is none to draw."""
+    dashed, simulated motions as dots. A ValueError says that there is none to draw. Given Axes get
+    the impact speed alone."""
     import matplotlib.pyplot as plt
 
+    if ax is not None:
+        return plot_branches(found, ax, "impact_speed_max")
     figure, axes = plt.subplots(3, 1, figsize=SIZE, sharex=True, layout="constrained")
-    for ax, column in zip(axes, PANELS, strict=True):
-        plot_branches(found, ax, column)
-    if not any(ax.has_data() for ax in axes):
+    for panel, column in zip(axes, PANELS, strict=True):
+        plot_branches(found, panel, column)
+    if not any(panel.has_data() for panel in axes):
         raise ValueError("no motion was found")
-    for ax in axes[:2]:
-        ax.set_xlabel("")
+    for panel in axes[:2]:
+        panel.set_xlabel("")
     if found.branches:
         lines = axes[0].get_legend_handles_labels()
         figure.legend(*lines, fontsize="x-small", ncols=2, loc="outside lower center")
@@ -141,13 +144,7 @@ def draw_sine(found: HarmonicResponse) -> Axes:
     axes[0].set_title(
         f"{found.coordinate}: full where stable, dashed where unstable{jumps}", fontsize="medium"
     )
-    first: Axes = axes[0]
-    return first
-
-
-def plot_sine(found: HarmonicResponse, ax: Axes | None = None) -> Axes:
-    """The picture of an answer; in given axes, its impact speeds."""
-    return draw_sine(found) if ax is None else plot_branches(found, ax, "impact_speed_max")
+    return axes[0]  # type: ignore[no-any-return]
 
 
 def plot_branches(found: HarmonicResponse, ax: Axes, column: str) -> Axes:

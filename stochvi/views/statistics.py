@@ -125,10 +125,16 @@ MODAL = re.compile(r"mode \d+")
 """Names of modal coordinates, which are not drawn beside points."""
 
 
-def draw_spectrum(found: ResponseSpectrum, title: str = "") -> Axes:
-    """All spectra, one panel for each quantity; the last panel compares with the excitation."""
+def plot_spectrum(found: ResponseSpectrum, ax: Axes | None = None) -> Axes:
+    """All spectra, one panel for each quantity; the last panel compares with the excitation. Given
+    Axes get the first quantity."""
     import matplotlib.pyplot as plt
 
+    if ax is not None:
+        for colour, (name, curves) in zip(OWNERS, found.curves.items(), strict=False):
+            plot_curve(next(iter(curves.values())), ax, colour=colour, label=name)
+        ax.set_xlabel("frequency (Hz)")
+        return ax
     shown = {owner: c for owner, c in found.curves.items() if not MODAL.fullmatch(owner)}
     shown = shown or dict(found.curves)
     present = [name for name in DENSITIES if any(name in c for c in shown.values())]
@@ -138,26 +144,25 @@ def draw_spectrum(found: ResponseSpectrum, title: str = "") -> Axes:
         rows, 1, figsize=(7.2, 2.3 * rows + 0.6), sharex=True, squeeze=False, layout="constrained"
     )
     axes = grid[:, 0]
-    for ax, name in zip(axes, present, strict=False):
+    for panel, name in zip(axes, present, strict=False):
         words, quantity = DENSITIES[name]
         for colour, (owner, curves) in zip(OWNERS, shown.items(), strict=False):
             if name in curves:
                 turns = owner in ROTATIONS
                 label, unit = (f"{owner} (rad for m)", NUMBER) if turns else (owner, quantity)
-                plot_curve(curves[name], ax, colour=colour, label=label, quantity=unit)
+                plot_curve(curves[name], panel, colour=colour, label=label, quantity=unit)
         which, _, more = found.meanings.get(name, "").partition(", between impacts")
         label = words.format("absolute, between impacts" if more else which)
-        ax.set_ylabel(f"{label}\n({quantity})")
-        ax.grid(alpha=0.25)
+        panel.set_ylabel(f"{label}\n({quantity})")
+        panel.grid(alpha=0.25)
     if len(shown) > 1:
         legend_above(axes[0])
     if transfer is not None:
         _draw_transfer(transfer, axes[-1])
     axes[-1].set_xlabel("frequency (Hz)")
     plain_ticks(axes[-1])
-    figure.suptitle(f"{title}\n{TITLE}" if title else TITLE, fontsize="medium")
-    first: Axes = axes[0]
-    return first
+    figure.suptitle(TITLE, fontsize="medium")
+    return axes[0]  # type: ignore[no-any-return]
 
 
 def _draw_transfer(transfer: Mapping[str, Curve], ax: Axes) -> None:
@@ -199,11 +204,18 @@ def plot_histogram(
     return ax
 
 
-def draw_impacts(found: ImpactStatistics, title: str = "") -> Axes:
+def plot_impacts(found: ImpactStatistics, ax: Axes | None = None) -> Axes:
     """Densities of impact speeds, with Rayleigh's of the same rms speed and the power law of slow
-    impacts, and of the times between impacts."""
+    impacts, and of the times between impacts. Given Axes get the speeds alone."""
     import matplotlib.pyplot as plt
 
+    if ax is not None:
+        for colour, (name, pair) in zip(OWNERS, found.pairs.items(), strict=False):
+            if pair.speeds is not None:
+                plot_histogram(pair.speeds, ax, SPEED, colour=colour, label=name)
+        ax.set_xlabel(f"impact speed ({SPEED})")
+        ax.set_ylabel(f"density ({SPEED.inverse})")
+        return ax
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
     colours, speed, time = owner_colours(len(found.pairs)), SPEED.shown.si, TIME.shown.si
     for colour, (name, pair) in zip(colours, found.pairs.items(), strict=True):
@@ -242,9 +254,8 @@ def draw_impacts(found: ImpactStatistics, title: str = "") -> Axes:
             ax.legend(frameon=False, fontsize="small")
         else:
             ax.text(0.5, 0.5, "too few impacts", transform=ax.transAxes, ha="center")
-    figure.suptitle(title or "impacts")
-    first: Axes = left
-    return first
+    figure.suptitle("impacts", fontsize="medium")
+    return left  # type: ignore[no-any-return]
 
 
 # ------------------------------------------------------------------------------
@@ -350,10 +361,14 @@ def _hourly(per_hour: Estimate) -> str:
     return value_with_error(estimate)
 
 
-def draw_damage(found: Damage, title: str = "") -> Axes:
-    """Extreme response and shocks, fatigue damage, and the density that does the same damage."""
+def plot_damage(found: Damage, ax: Axes | None = None) -> Axes:
+    """Extreme response and shocks, fatigue damage, and the density that does the same damage. Given
+    Axes get the fatigue damage alone."""
     import matplotlib.pyplot as plt
 
+    if ax is not None:
+        plot_fatigue(found, ax).set_xlabel("natural frequency of the equipment (Hz)")
+        return ax
     figure, axes = plt.subplots(3, 1, figsize=(7.2, 8.4), sharex=True, layout="constrained")
     plot_extremes(found, axes[0])
     plot_fatigue(found, axes[1])
@@ -372,18 +387,8 @@ def draw_damage(found: Damage, title: str = "") -> Axes:
         f"equipment at {found.at}, Q = {found.quality:g}, in a mission of "
         f"{spoken_mission(found.mission)}"
     )
-    figure.suptitle(f"{title}\n{words}" if title else words, fontsize="medium")
-    first: Axes = axes[0]
-    return first
-
-
-def plot_damage(found: Damage, ax: Axes | None = None) -> Axes:
-    """All spectra, or the fatigue damage alone in given Axes."""
-    if ax is None:
-        return draw_damage(found)
-    plot_fatigue(found, ax)
-    ax.set_xlabel("natural frequency of the equipment (Hz)")
-    return ax
+    figure.suptitle(words, fontsize="medium")
+    return axes[0]  # type: ignore[no-any-return]
 
 
 def plot_extremes(found: Damage, ax: Axes | None = None) -> Axes:
@@ -548,11 +553,15 @@ def _one_point(found: BumperMap, panel: Panel, row: int, column: int) -> str:
     return value_with_error(panel.quantity(estimate), with_bias=False)
 
 
-def draw_bumper_map(found: BumperMap, title: str = "") -> Axes:
+def plot_bumper_map(found: BumperMap, ax: Axes | None = None) -> Axes:
     """Peak acceleration, force, rattle space and energy over clearance and stiffness, each with
-    what the limits leave."""
+    what the limits leave. Given Axes get the peak acceleration alone."""
     import matplotlib.pyplot as plt
 
+    if ax is not None:
+        _draw_panel(found, panels(found)[0], ax)
+        ax.set(xlabel=f"clearance per side ({LENGTH})", ylabel=_stiffness_label(found))
+        return ax
     figure, axes = plt.subplots(2, 2, figsize=SIZE, sharex=True, sharey=True, layout="constrained")
     for ax, panel in zip(axes.ravel(), panels(found), strict=True):
         _draw_panel(found, panel, ax)
@@ -560,21 +569,8 @@ def draw_bumper_map(found: BumperMap, title: str = "") -> Axes:
         ax.set_xlabel(f"clearance per side ({LENGTH})")
     for ax in axes[:, 0]:
         ax.set_ylabel(_stiffness_label(found))
-    words = f"exceeded in {_risk(found)}; mean energy"
-    figure.suptitle(f"{title}\n{words}" if title else words, fontsize="medium")
-    first: Axes = axes[0, 0]
-    return first
-
-
-def plot_bumper_map(found: BumperMap, ax: Axes | None = None) -> Axes:
-    """All panels, or the peak acceleration alone in given Axes."""
-    if ax is None:
-        return draw_bumper_map(found)
-    ax = axes_or_new(ax)
-    _draw_panel(found, panels(found)[0], ax)
-    ax.set_xlabel(f"clearance per side ({LENGTH})")
-    ax.set_ylabel(_stiffness_label(found))
-    return ax
+    figure.suptitle(f"exceeded in {_risk(found)}; mean energy", fontsize="medium")
+    return axes[0, 0]  # type: ignore[no-any-return]
 
 
 def _stiffness_label(found: BumperMap) -> str:

@@ -48,6 +48,7 @@ from stochvi.views.axes import (
     COLOURS,
     OWNERS,
     add_grid,
+    add_title,
     around_shock,
     axes_or_new,
     legend_above,
@@ -95,8 +96,8 @@ WORK_TITLES = {
 """Titles of the panels by quantity."""
 
 
-def draw_work_precision(found: WorkPrecision, title: str = "") -> Axes:
-    """Error against CPU time, a panel for each quantity; returns the first Axes.
+def plot_cost(found: WorkPrecision, ax: Axes | None = None) -> Axes:
+    """Error against CPU time, a panel for each quantity; given Axes get the first one.
 
     A line for each step: the statistical error, which falls with the square root of the time, and
     the bias, on which it levels out. A bias that is not beyond its noise is drawn as its upper
@@ -107,6 +108,10 @@ def draw_work_precision(found: WorkPrecision, title: str = "") -> Axes:
 
     keys = list(dict.fromkeys((row.of, row.quantity) for row in found.errors))
     keys = [key for key in keys if key[1] != "displacement_mean"][:MOST_PANELS]
+    if ax is not None:
+        plot_work_precision(found, *keys[0], ax)
+        ax.set(xlabel="CPU time of one core (s)", ylabel="relative error (%)")
+        return ax
     columns = min(3, len(keys))
     rows = -(-len(keys) // columns)
     figure, grid = plt.subplots(
@@ -121,16 +126,15 @@ def draw_work_precision(found: WorkPrecision, title: str = "") -> Axes:
             panels[number].set_xlabel("CPU time of one core (s)")
         if number % columns == 0:
             panels[number].set_ylabel("relative error (%)")
-    for ax in panels[len(keys) :]:
-        ax.axis("off")
-    named = [zip(*ax.get_legend_handles_labels(), strict=True) for ax in panels]
+    for panel in panels[len(keys) :]:
+        panel.axis("off")
+    named = [zip(*each.get_legend_handles_labels(), strict=True) for each in panels]
     legend = {label: handle for pairs in named for handle, label in pairs}
     figure.legend(
         legend.values(), legend.keys(), loc="outside lower center", ncols=4, frameon=False
     )
-    figure.suptitle(title or "what accuracy costs")
-    first: Axes = panels[0]
-    return first
+    figure.suptitle("what accuracy costs", fontsize="medium")
+    return panels[0]  # type: ignore[no-any-return]
 
 
 def plot_work_precision(found: WorkPrecision, of: str, quantity: str, ax: Axes) -> None:
@@ -834,7 +838,7 @@ def plot_clearances(found: Replay, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def draw_replay(found: Replay, title: str = "") -> Axes:
+def draw_replay(found: Replay) -> Axes:
     """x(t) around the shock with the stops, above the whole record; over several clearances x(t)
     around the shock at some of them, then impacts over clearances."""
     import matplotlib.pyplot as plt
@@ -848,7 +852,7 @@ def draw_replay(found: Replay, title: str = "") -> Axes:
         )[1]
         _plot_shock(single, above)
         _plot_shock(single, below, whole=True, legend=False)
-        return _titled(above, title)
+        return add_title(above, "replay of the record")
     shown = [each for each in found.clearances if each.histories is not None]
     shown = sorted(shown, key=lambda each: each.clearance or 0.0)[:MOST_MOTIONS]
     axes = plt.subplots(
@@ -859,11 +863,4 @@ def draw_replay(found: Replay, title: str = "") -> Axes:
         _plot_shock(each, ax, legend=False)
         ax.set_title(f"stops {spoken_length(each.clearance or 0.0)} away", fontsize="small")
     plot_clearances(found, axes[-1])
-    return _titled(axes[0], title)
-
-
-def _titled(ax: Axes, title: str) -> Axes:
-    figure = ax.get_figure(root=True)
-    assert figure is not None
-    figure.suptitle(title or "replay of the record", fontsize="medium")
-    return ax
+    return add_title(axes[0], "replay of the record")

@@ -54,7 +54,7 @@ from stochvi.scenes.scene import load_scene
 from stochvi.statistics.damage import SpectrumValues
 from stochvi.testing import assert_agrees
 from stochvi.views.pages import print_told
-from stochvi.views.statistics import bumper_map_told, draw_bumper_map
+from stochvi.views.statistics import bumper_map_told, plot_bumper_map
 from support import judges
 from support.mounts import truck
 
@@ -346,7 +346,7 @@ def test_a_limit_is_kept_where_that_is_shown_alone() -> None:
     lost = replace(found.peak_acceleration, value=np.full((2, 2), np.nan))
     lost_map = replace(found, peak_acceleration=lost)
     assert not lost_map.feasible.any() and not lost_map.exceeded.any()
-    plt.close(draw_bumper_map(found).get_figure())
+    plt.close(plot_bumper_map(found).get_figure())
 
 
 def test_what_makes_no_map_is_refused() -> None:

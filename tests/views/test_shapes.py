@@ -44,7 +44,7 @@ from stochvi.views.density import (
 )
 from stochvi.views.report.missions import _replay_pictures
 from stochvi.views.schematic import draw_shapes, has_shape
-from stochvi.views.sine import draw_sine
+from stochvi.views.sine import plot_sine
 from support.commands import Run
 from support.known import oscillator
 
@@ -212,7 +212,7 @@ def test_axes_are_logarithmic_where_motions_of_all_sizes_are_drawn(high: float, 
         excitations=[Sine(on="base", amplitude=9.81, frequency_hz=14.0)],
     )
     found = harmonic_response(scene, np.geomspace(5.0, high, 30), most_impacts=1)
-    ax = draw_sine(found)
+    ax = plot_sine(found)
     assert (ax.get_yscale(), ax.get_xscale()) == (scale, scale)
     low, top = ax.get_ylim()
     drawn = ax.lines[0].get_ydata()
@@ -227,9 +227,9 @@ def test_no_picture_is_drawn_where_no_motion_was_found() -> None:
         excitations=[Sine(on="base", amplitude=9.81, frequency_hz=14.0)],
     )
     found = harmonic_response(scene, [10.0, 20.0])
-    plt.close(draw_sine(found).figure)
+    plt.close(plot_sine(found).figure)
     with pytest.raises(ValueError, match="no motion was found"):
-        draw_sine(dataclasses.replace(found, branches=()))
+        plot_sine(dataclasses.replace(found, branches=()))
     plt.close("all")
 
 
