@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -47,7 +48,7 @@ from stochvi.results.base import (
     stated,
 )
 from stochvi.results.deadline import Deadline
-from stochvi.results.errors import MOST_NUMBERS, NotApplicable
+from stochvi.results.errors import MOST_NUMBERS, Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.sampling.calculations import calculation
 from stochvi.scenes.excitations import BASE, ConstantLoad, DensityNoise, RecordedNoise
@@ -594,7 +595,8 @@ def _way(model: Model, shaking: SampledExcitation, keep: bool, deadline: Deadlin
 def _compiled(way: Way, shaking: SampledExcitation) -> float:
     """Seconds in which the kernel was compiled, or loaded: it moves the model for two samples."""
     begin = time.perf_counter()
-    way.move(changed(shaking, forces=shaking.forces[:2], base=shaking.base[:2]), 0, way.runs[0])
+    with contextlib.suppress(NotConverged, Interrupted):  # said again, of the whole record
+        way.move(changed(shaking, forces=shaking.forces[:2], base=shaking.base[:2]), 0, way.runs[0])
     return time.perf_counter() - begin
 
 

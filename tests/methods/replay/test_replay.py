@@ -232,6 +232,16 @@ def test_a_march_goes_on_from_where_a_call_left_it(
         integrate(model, shaking, np.zeros(1), deadline=Deadline.after(0.0))
 
 
+def test_a_budget_that_ends_while_kernels_are_loaded_names_the_whole_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are loaded by a run of two samples, whose length is no one's question."""
+    monkeypatch.setattr("stochvi.methods.replay.march.STEPS_AT_ONCE", 7)
+    monkeypatch.setattr("stochvi.results.deadline.Deadline.passed", lambda self: True)
+    with pytest.raises(NotConverged, match=r"ended at 0 s of a record of 3 s; raise budget"):
+        replay(scene_of(tmp_path, shaken(samples=1500), frequency_hz=1e5))
+
+
 @pytest.mark.parametrize("mount", [{"frequency_hz": 1e9}, {"zeta": 8e10}])
 def test_a_march_that_would_never_end_is_not_begun(tmp_path: Path, mount: dict[str, float]) -> None:
     scene = scene_of(tmp_path, shaken(samples=3000), **mount)
