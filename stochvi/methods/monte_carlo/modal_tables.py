@@ -359,7 +359,9 @@ class ModalTablesPlan(ModalContactsPlan):
 
     @property
     def _counted_of_block(self) -> int:
-        return max(1, min(self.samples, round(self.duration / self.blocks / self.step)))
+        # as in `TabulatedPlan`: a level jumps before the sample from which the warm-up begins
+        most = self.samples - (1 + self._burn_in_steps if self.model.level is not None else 0)
+        return max(1, min(most, round(self.duration / self.blocks / self.step)))
 
     @property
     def steps(self) -> int:

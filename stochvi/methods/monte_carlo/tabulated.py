@@ -274,7 +274,9 @@ class TabulatedPlan:
 
     @property
     def _counted_samples(self) -> int:
-        most = self.samples - (self.warm_up_samples if _unrepeated(self.model, self.waves) else 0)
+        # the warm-up begins from the sample before it, at which a sine or a level has jumped
+        most = self.samples
+        most -= 1 + self.warm_up_samples if _unrepeated(self.model, self.waves) else 0
         return max(1, min(most, math.ceil(self.counted / self.step)))
 
     @property

@@ -60,6 +60,7 @@ from stochvi.methods.monte_carlo.kernels.flight import (
     XX,
     X,
 )
+from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
 from stochvi.methods.monte_carlo.plan import PathStatistics, bias_of_lasting_contact
 from stochvi.methods.monte_carlo.tabulated import BIN_ERROR, FOLD_FROM, LARGEST_LOSS, TabulatedPlan
 from stochvi.methods.monte_carlo.white import CONTACT_ROWS
@@ -264,6 +265,48 @@ def test_a_record_holds_what_the_averages_count_and_nothing_of_the_warm_up() -> 
     signed = averages[F1_UPPER] - averages[F1_LOWER]
     np.testing.assert_allclose(signed, speed.sum(axis=0) / plan.duration, rtol=1e-10)
     assert np.all(averages[F1_UPPER] > 0.0)
+
+
+@pytest.mark.parametrize("duration", [None, 3.0, 14.0, 40.0])
+def test_nothing_jumps_before_a_block_ends(duration: float | None) -> None:
+    """A sine or a level goes on up to the last counted sample; it jumps before the warm-up alone,
+    whose first state is that of the sample before it. The mass followed a jump of the sine at the
+    speed of jump over step: E v^2 was 13 % and F2 40 % too high, at half the step 28 and 160 %."""
+    scene = mount(12.0, TRUCK, None, 1.0)
+    sine = Sine(on="base", amplitude=20.0, frequency_hz=8.0)
+    level = scene.excitations[0].model_copy(update={"kurtosis": 5.0, "level_time": 4.0})
+    shaken = [scene.replace(excitations=each) for each in ([*scene.excitations, sine], [level])]
+    for plan in (plan_of(each, duration) for each in shaken):
+        for one in (plan, plan.coarser(), plan.finer(), plan.finer().finer()):
+            assert one._counted_samples + one.warm_up_samples < one.samples
+    plan = plan_of(shaken[0], duration)
+    for path in range(8):
+        record = plan.record(1, path)
+        middle = 0.5 * (record["velocity"][1:] + record["velocity"][:-1])
+        missed = np.abs(np.diff(record["displacement"]) - plan.step * middle)
+        assert missed[-1] < 2.0 * missed[:-1].max()
+    two = two_masses(level.replace(on="base"))
+    plans = make_plan(model_of(two), 0.0, duration)
+    assert isinstance(plans, ModalTablesPlan)
+    assert plans._counted_of_block + plans._burn_in_steps < plans.samples
+
+
+def two_masses(noise: TabulatedNoise) -> Scene:
+    mass, damping = np.eye(2).tolist(), (10.0 * np.eye(2)).tolist()
+    stiffness = [[6000.0, -2000.0], [-2000.0, 6000.0]]
+    structure = Matrices(
+        coordinates=["x", "y"], mass=mass, stiffness=stiffness, damping=damping
+    )  # fmt: skip
+    return Scene(structure=structure, excitations=[noise])
+
+
+def test_a_sine_beside_noise_gives_the_same_at_half_the_step() -> None:
+    scene = mount(12.0, TRUCK, 2.0, 0.5)
+    sine = Sine(on="base", amplitude=20.0, frequency_hz=8.0)
+    plan = plan_of(scene.replace(excitations=[*scene.excitations, sine]))
+    found = [each.averages(3, 0, 64).mean(axis=1) for each in (plan, plan.finer())]
+    for row in (VV, F1_UPPER, F2_UPPER):
+        assert found[1][row] == pytest.approx(found[0][row], rel=0.01)
 
 
 def test_the_first_upward_root_is_that_of_a_general_solver() -> None:
