@@ -36,9 +36,11 @@ from stochvi.results.estimates import (
     BIAS_ERROR,
     ERROR,
     LIMIT,
+    NO_VALUE,
     Cost,
     Estimate,
     format_with_error,
+    plus_minus,
 )
 from stochvi.results.plots import densities_of, drawn
 
@@ -187,6 +189,35 @@ ENDING = re.compile(
 """Pattern of the end of a column that holds a bound or an error of another column; it stands behind
 its name and unit."""
 
+
+def in_three_columns(table: DataFrame) -> list[dict[str, str]]:
+    """A row for each quantity of a tidy table: its name, the value with half of its 95 % interval
+    and its unit, and a note: limits, what is known of the bias, and how, where that differs.
+
+    >>> row = {"of": "x", "quantity": "rate", "value": 2.0, "standard_error": 0.1, "unit": "1/s"}
+    >>> in_three_columns(frame_of([row]))
+    [{'quantity': 'x.rate', 'value': '2.00 ± 0.20 1/s', 'note': ''}]
+    """
+    rows = rows_of(in_chosen_units(table))
+    remarks = [name for name in ("by", "how") if len({row.get(name) for row in rows}) > 1]
+    found = []
+    for row in rows:
+        known = {name: each for name, each in row.items() if each is not None and each == each}
+        errors: dict[str, Any] = {name: known.get(name) for name in (BIAS, LIMIT) if name in row}
+        errors |= {name: known[name] for name in (ERROR, BIAS_ERROR) if name in known}
+        note = [f"{known['lower']:.4g} to {known['upper']:.4g}"] if "lower" in known else []
+        note += [known[name] for name in remarks if name in known]
+        value = NO_VALUE
+        if math.isfinite(row["value"]):
+            estimate = Estimate(value=row["value"], **errors)
+            note += filter(None, [estimate.bias_in_words.removeprefix(", ")])
+            value = f"{plus_minus(estimate)} {row['unit'] if row['unit'] != '1' else ''}".strip()
+        names = [row[name] for name in ("of", "law", "quantity", "number") if name in row]
+        name = ("." if all(map(str.isidentifier, names)) else ": ").join(names)
+        found.append({"quantity": name, "value": value, "note": "; ".join(note)})
+    return found
+
+
 OF_A_VALUE = ("value", ERROR, BIAS, BIAS_ERROR, LIMIT, "lower", "upper", "95 % from", "to")
 """Columns of the unit that a row states."""
 
@@ -295,9 +326,13 @@ def _suffix(unit: str) -> str:
 # ------------------------------------------------------------------------------
 
 
+ERRORS = ("error", "bias", "upper_95", "limit")
+"""Ends of the names of columns that hold numbers even where none is known."""
+
+
 def frame_of(table: Any = (), columns: list[str] | None = None) -> DataFrame:
     """The table of columns by name, or of rows: mappings, named tuples, or dataclasses whose fields
-    are the columns. It alone, and `stacked`, make tables.
+    are the columns. It alone, and `stacked`, make tables. Errors that are not known are NaN.
 
     >>> frame_of([{"clearance": 0.004, "hit_rate": 2.0}]).columns.tolist()
     ['clearance', 'hit_rate']
@@ -306,7 +341,9 @@ def frame_of(table: Any = (), columns: list[str] | None = None) -> DataFrame:
 
     if not isinstance(table, Mapping):
         table = [vars(row) if is_dataclass(row) else row for row in table]
-    return pd.DataFrame(table, columns=columns)
+    found = pd.DataFrame(table, columns=columns)
+    unknown = [n for n in found if str(n).endswith(ERRORS) and found[n].dtype == object]
+    return found.astype(dict.fromkeys(unknown, float))
 
 
 def stacked(tables: Iterable[Any], columns: list[str] | None = None) -> DataFrame:
@@ -584,8 +621,10 @@ class Result:
         return f"<b>{html.escape(self.summary(), quote=False)}</b>{table}{remarks}"
 
     def _shown(self) -> DataFrame:
-        """The table that a notebook shows."""
-        return self.to_frame()
+        """The table that a notebook shows: in three columns where `to_frame` has a row for each
+        quantity."""
+        table = self.to_frame()
+        return frame_of(in_three_columns(table)) if {"value", "unit"} <= {*table} else table
 
     def _remarks(self) -> Sequence[str]:
         """Sentences below the table in a notebook."""

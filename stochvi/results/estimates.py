@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import betaincinv, gammaincinv, ndtri, stdtr, stdtrit
 
 from stochvi.mathematics.numerics import Array
-from stochvi.mathematics.units import explain_methods
+from stochvi.mathematics.units import NUMBER, ShownQuantity, explain_methods
 
 # ------------------------------------------------------------------------------
 # Confidence intervals and the propagation of statistical errors, in one place.
@@ -674,6 +674,47 @@ def format_with_error(value: float, error: float) -> str:
         bracket = f"{round(scaled_error, digits):.{max(digits, 0)}f}"
     text = f"{round(scaled, digits):.{max(digits, 0)}f}({bracket})"
     return text if exponent == 0 else f"{text}e{exponent:+03d}"
+
+
+NO_VALUE = "-"
+"""Cell of a table where no number is known."""
+
+
+MOST_PLACES = 5
+"""Largest number of digits after the point; a number that needs more is written with a power of
+ten."""
+
+
+HARDLY = 1e-4
+"""Half of an interval over the value below which four digits are right without it."""
+
+
+def plus_minus(estimate: Estimate | None, quantity: ShownQuantity = NUMBER) -> str:
+    """A value with half of its 95 % interval; an upper limit where nothing was seen.
+
+    >>> plus_minus(Estimate(value=0.2498, standard_error=0.0096)), plus_minus(None)
+    ('0.250 ± 0.019', '-')
+    >>> plus_minus(Estimate(value=0.1832, bias=2.9e-5))
+    '0.1832'
+    >>> plus_minus(Estimate(value=927.3, standard_error=55.9))
+    '927 ± 110'
+    """
+    if estimate is None:
+        return NO_VALUE
+    if estimate.upper_95 is not None:
+        return f"at most {quantity(estimate.upper_95):.2g}"
+    value, half = quantity(estimate.value), quantity(estimate.half_width_95())
+    if half < HARDLY * abs(value) or half == 0.0:
+        return f"{value:.4g}"
+    places = 1 - math.floor(math.log10(half))
+    if value:
+        places = min(places, 3 - math.floor(math.log10(abs(value))))
+    if places > MOST_PLACES or half >= 1e6:
+        return f"{value:.4g} ± {half:.2g}"
+    places, half = max(places, 0), float(f"{half:.2g}")
+    if 2.0 * half < 10.0**-places:
+        return f"{value:.4g}"
+    return f"{value:.{places}f} ± {half:.{places}f}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -501,9 +501,6 @@ class ImpactStatistics(Result):
             if found is not None
         )
 
-    def _shown(self) -> DataFrame:
-        return self.to_table()
-
     def summary(self) -> str:
         """How clustered the impacts are, in a sentence for each pair."""
         found = []

@@ -14,7 +14,7 @@ import numpy as np
 from stochvi.absorbers.design import AbsorberSine, Design, tuned_key
 from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.units import ACCELERATION, FORCE, LENGTH
-from stochvi.results.estimates import Estimate
+from stochvi.results.estimates import Estimate, plus_minus
 from stochvi.results.files import Origin, origin_of
 from stochvi.views.axes import COLOURS, add_grid, axes_or_new, length_unit, plain_ticks
 from stochvi.views.pages import (
@@ -28,7 +28,7 @@ from stochvi.views.pages import (
     shown,
     write_page,
 )  # fmt: skip
-from stochvi.views.tables import UNKNOWN, plus_minus, spoken_length
+from stochvi.views.tables import UNKNOWN, spoken_length
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

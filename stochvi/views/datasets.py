@@ -14,7 +14,15 @@ import numpy as np
 
 from stochvi.mathematics.units import ShownQuantity, readable, shown_as
 from stochvi.results.base import RESPONSE_QUANTITIES, DataFrame, with_unit
-from stochvi.results.estimates import BIAS, BIAS_ERROR, ERROR, GAUSSIAN_95, LIMIT, Estimate
+from stochvi.results.estimates import (
+    BIAS,
+    BIAS_ERROR,
+    ERROR,
+    GAUSSIAN_95,
+    LIMIT,
+    NO_VALUE,
+    Estimate,
+)
 from stochvi.scenes.keys import KEY_UNITS
 from stochvi.views.axes import axes_or_new
 from stochvi.views.files import try_picture, write_bytes, write_table
@@ -23,7 +31,6 @@ from stochvi.views.tables import (
     LAST_DIGITS,
     NEGLIGIBLE,
     NEVER_SEEN,
-    NO_VALUE,
     QUANTITY_NAMES,
     Heading,
     value_with_error,

@@ -20,7 +20,7 @@ from stochvi.isolators.sizing.answer import (
 from stochvi.isolators.tolerances import in_words
 from stochvi.mathematics.units import LENGTH, RATE, SPEED, spoken_mission
 from stochvi.results.base import DataFrame, rows_of
-from stochvi.results.estimates import GAUSSIAN_95, Estimate, spoken_percent
+from stochvi.results.estimates import GAUSSIAN_95, Estimate, plus_minus, spoken_percent
 from stochvi.views.axes import (
     BAND_ALPHA,
     CLEARANCES,
@@ -57,7 +57,6 @@ from stochvi.views.tables import (
     line_to_copy,
     of_less_risk,
     of_your_stops,
-    plus_minus,
     spoken_length,
     to_copy,
     way_in_words,

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 from rich.cells import cell_len
 
 from stochvi.results.base import DataFrame, Result, plain, rows_of
+from stochvi.results.estimates import NO_VALUE
 from stochvi.views.files import time_for_pictures, to_json, write_report_page, write_text
-from stochvi.views.tables import NO_VALUE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

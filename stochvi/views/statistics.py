@@ -28,12 +28,7 @@ from stochvi.mathematics.units import (
     spoken_mission,
 )
 from stochvi.results.base import ROTATIONS, unit_of_limit
-from stochvi.results.estimates import (
-    NEAR_ONE,
-    Estimate,
-    over_percent,
-    spoken_percent,
-)
+from stochvi.results.estimates import NEAR_ONE, Estimate, over_percent, plus_minus, spoken_percent
 from stochvi.views.axes import (
     BAND_ALPHA,
     CLEARANCES,
@@ -57,13 +52,7 @@ from stochvi.views.pages import (
     shown,
     told_of,
 )
-from stochvi.views.tables import (
-    UNKNOWN,
-    count_of,
-    plus_minus,
-    value_with_error,
-    way_in_words,
-)
+from stochvi.views.tables import UNKNOWN, count_of, value_with_error, way_in_words
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

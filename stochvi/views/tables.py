@@ -18,7 +18,7 @@ from stochvi.mathematics.units import (
     spoken_mission,
 )
 from stochvi.results.base import RESPONSE_QUANTITIES, DataFrame, Response, rows_of
-from stochvi.results.estimates import Estimate, format_with_error, spoken_percent
+from stochvi.results.estimates import MOST_PLACES, Estimate, format_with_error, spoken_percent
 
 if TYPE_CHECKING:
     from stochvi.isolators.sizing.answer import Sizing
@@ -65,10 +65,6 @@ def effects_in_words(effects: Sequence[str]) -> str:
         elif (together := f"{count[kind]} {kind}s") not in named:
             named.append(together)
     return "; ".join(named)
-
-
-NO_VALUE = "-"
-"""Cell of a table where no number is known."""
 
 
 Heading = str | tuple[str, ShownQuantity]
@@ -211,10 +207,6 @@ OF_ONE_MOUNT = (
 )
 """Limits of every page on one mass on its mount."""
 
-MOST_PLACES = 5
-"""Largest number of digits after the point; a number that needs more is written with a power of
-ten."""
-
 
 def spoken_length(metres: float) -> str:
     """A length with four significant digits; zeros at the end are kept.
@@ -269,34 +261,6 @@ def with_interval(estimate: Estimate | None, quantity: ShownQuantity = NUMBER) -
     if not 0 <= places <= MOST_PLACES:
         return f"{value:.3g}\n{value - half:.3g} to {value + half:.3g}"
     return f"{value:.{places}f}\n{value - half:.{places}f} to {value + half:.{places}f}"
-
-
-def plus_minus(estimate: Estimate | None, quantity: ShownQuantity = NUMBER) -> str:
-    """A value with half of its 95 % interval; an upper limit where nothing was seen.
-
-    >>> plus_minus(Estimate(value=0.2498, standard_error=0.0096)), plus_minus(None)
-    ('0.250 ± 0.019', '-')
-    >>> plus_minus(Estimate(value=927.3, standard_error=55.9))
-    '927 ± 110'
-    """
-    if estimate is None:
-        return NO_VALUE
-    if estimate.upper_95 is not None:
-        return f"at most {quantity(estimate.upper_95):.2g}"
-    value, half = quantity(estimate.value), quantity(estimate.half_width_95())
-    if half < HARDLY * abs(value) or half == 0.0:
-        return f"{value:.4g}"
-    places = 1 - math.floor(math.log10(half))
-    if value:
-        places = min(places, 3 - math.floor(math.log10(abs(value))))
-    if places > MOST_PLACES or half >= 1e6:
-        return f"{value:.4g} ± {half:.2g}"
-    places, half = max(places, 0), float(f"{half:.2g}")
-    return f"{value:.{places}f} ± {half:.{places}f}"
-
-
-HARDLY = 1e-4
-"""Half of an interval over the value below which four digits are right without it."""
 
 
 def count_of(number: float) -> str:

@@ -23,7 +23,7 @@ from stochvi.mathematics.units import (
     shown_as,
 )
 from stochvi.results.base import ROTATIONS, of_angle, quantities_of
-from stochvi.results.estimates import format_with_error
+from stochvi.results.estimates import NO_VALUE, format_with_error
 from stochvi.verification.check import (
     AGREES,
     APPROXIMATE,
@@ -60,7 +60,6 @@ from stochvi.views.axes import (
 )
 from stochvi.views.pages import Grid, Section, Told, told_of
 from stochvi.views.tables import (
-    NO_VALUE,
     QUANTITY_NAMES,
     UNKNOWN,
     effects_in_words,

@@ -29,6 +29,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from matplotlib.colors import to_hex
+from pandas.api.types import is_float_dtype
 
 import stochvi
 from stochvi import Elastic, ImpactPair, Isolator, Oscillator, Restitution, Scene, WhiteNoise
@@ -43,7 +44,7 @@ from stochvi.methods import periodic
 from stochvi.methods.monte_carlo import record_path
 from stochvi.methods.periodic import SwitchedDrive
 from stochvi.results import base, files
-from stochvi.results.base import Result, in_chosen_units, plain, total_cost
+from stochvi.results.base import Response, Result, in_chosen_units, plain, total_cost
 from stochvi.results.errors import (
     Interrupted,
     NotApplicable,
@@ -332,6 +333,43 @@ def test_a_page_shows_what_was_found_and_drops_no_warning(answer: Result) -> Non
     assert "the bias is &lt; 1 %" in page
     assert "<table" in page
     assert answer.summary().split("<")[0] in page
+
+
+def test_a_page_has_three_columns_where_a_row_is_a_quantity(answer: Result) -> None:
+    three = {"Response", "Screening", "ImpactStatistics", "Identification", "Reliability"}
+    shown = answer._shown()
+    assert ([*shown] == ["quantity", "value", "note"]) == (type(answer).__name__ in three)
+    assert len(shown) > 0
+    if isinstance(answer, Response):
+        for name, value in zip(shown["quantity"], shown["value"], strict=True):
+            assert float(value.split()[0]) == pytest.approx(answer[name].value, rel=0.02, abs=1e-4)
+
+
+def test_a_note_says_what_a_number_lacks() -> None:
+    rows = [
+        {"of": "x", "quantity": "rms", "value": 2.0, "bias": None, "unit": "m", "how": "closure"},
+        {"of": "x", "quantity": "rate", "value": 0.0, "upper_95": 3.0, "unit": "1/s", "how": "MC"},
+        {"of": "x", "quantity": "share, both", "value": math.nan, "unit": "1", "how": "MC"},
+    ]
+    with shown_in(units_of("mm")):
+        found = base.in_three_columns(base.frame_of(rows))
+    assert [[*row.values()] for row in found] == [
+        ["x.rms", "2000 mm", "closure; bias not known"],
+        ["x.rate", "at most 3 1/s", "MC; bias not known"],
+        ["x: share, both", "-", "MC"],
+    ]
+
+
+def test_errors_in_tables_are_numbers(answer: Result) -> None:
+    for name, column in answer.to_frame().items():
+        if str(name).endswith(base.ERRORS):
+            assert is_float_dtype(column), name
+
+
+def test_an_error_that_no_row_knows_is_a_number() -> None:
+    table = base.frame_of([{"of": "x", "value": 1.0, "bias": None, "note": None}])
+    assert table["bias"].dtype == float and np.isnan(table["bias"][0])
+    assert table["note"].dtype == object
 
 
 def test_an_answer_shows_a_number_and_finds_its_numbers_by_name(answer: Result) -> None:

@@ -14,7 +14,7 @@ from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.unsteady_noise import RandomLevel
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import DataFrame, Named, Result, frame_of
+from stochvi.results.base import DataFrame, Named, Result, frame_of, in_three_columns
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.sampling.run import Run
@@ -181,6 +181,10 @@ class Reliability(Result):
             }
             for chance in self.chances.values()
         )
+
+    def _shown(self) -> DataFrame:
+        names = {"event": "quantity", "probability": "value", "way": "how"}
+        return frame_of(in_three_columns(self.to_frame().rename(columns=names).assign(unit="1")))
 
     def __repr__(self) -> str:
         percent = f"{100.0 * self.confidence:g} %"

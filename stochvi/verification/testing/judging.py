@@ -831,6 +831,9 @@ class Judgement(Result):
     def _remarks(self) -> Sequence[str]:
         return [*(f"looks like: {hint}" for hint in self.hints), *self.warnings]
 
+    def _shown(self) -> DataFrame:
+        return self.to_frame()  # a finding has a truth beside its value
+
     def to_frame(self) -> DataFrame:
         """One row per finding."""
         return frame_of(self.findings)
