@@ -385,7 +385,11 @@ def _plan(plan: Prospect | None) -> list[str]:
     for target, seconds in plan.seconds.items():
         cost = "unknown"
         if seconds is not None:
-            cost = f"about {seconds:{'.1g' if seconds < 10.0 else '.0f'}} s"
+            least, most = (
+                f"{each:{'.1g' if each < 10.0 else '.0f'}}"
+                for each in plan.seconds_between.get(target, (seconds, seconds))
+            )
+            cost = f"about {least if least == most else f'{least} to {most}'} s"
         lines.append(f"relative error {target:g}: {cost} ({plan.governed_by})")
     return lines
 

@@ -50,6 +50,7 @@ from stochvi import (
 )
 from stochvi.cli import main
 from stochvi.methods.monte_carlo.choose_plan import make_plan, plan_several
+from stochvi.methods.monte_carlo.plan import lossiest
 from stochvi.model.coverage import natural_modes
 from stochvi.model.model import model_of
 from stochvi.results import Interrupted
@@ -504,8 +505,10 @@ class PricedInSteps(simulation.PricedRounds):
         (oscillator(-1.0, 1.0, 1.0), 0.001),
         (oscillator(-1.0, 1.0, 1.0), 0.01),  # which takes less than the first round
         (oscillator(-2.0, 2.0, 0.8), 0.01),  # whose step a pilot chooses
+        (oscillator(-1.0, 1.0, 0.1), 0.01),  # and may halve: it took a sixteenth of the price
+        (oscillator(-2.0, 2.0, 0.1), 0.01),  # or 2.5 times the price
     ],
-    ids=["many rounds", "one round", "with a pilot"],
+    ids=["many rounds", "one round", "with a pilot", "lossy", "lossy and far"],
 )
 def test_the_predicted_price_is_that_of_the_run(
     monkeypatch: pytest.MonkeyPatch, scene: Scene, rel_error: float
@@ -527,7 +530,14 @@ def test_the_predicted_price_is_that_of_the_run(
 
     monkeypatch.setattr(simulation.Simulation, "add_paths", counted)
     simulate(scene, rel_error=rel_error, seed=1, threads=1)
-    assert 0.5 < pilot.seconds_to(rel_error, error) / sum(made) < 2.0
+    price = pilot.seconds_to(rel_error, error)
+    least, most = pilot.seconds_between(rel_error, error)
+    assert least <= price <= most
+    assert 0.5 * least < sum(made) < 2.0 * most
+    if lossiest(run.model) > 0.5:  # the pilot decides how often the step is halved
+        assert 0.5 < price / sum(made) < 2.0
+    if run.plan.elastic:
+        assert least == price == most
 
 
 def test_a_command_has_its_start_beside_the_price() -> None:

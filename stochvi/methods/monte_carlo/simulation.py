@@ -1054,9 +1054,11 @@ class Prospect:
     """What a simulation would be like: its states and steps, and what they cost here and now.
 
     `nanoseconds_per_step` is wall time per step of one path, all threads at work; `seconds` maps
-    relative errors to predicted wall time, None where no impact was seen to predict by. Before
-    that each run takes `start_seconds`: for its plan and the loading of its kernels, and of a
-    command for the start of the process and the reading of the scene as well.
+    relative errors to predicted wall time, None where no impact was seen to predict by.
+    `seconds_between` maps them to its least and largest value, which differ where this pilot does
+    not decide how often a run would halve its step. Before that each run takes `start_seconds`: for
+    its plan and the loading of its kernels, and of a command for the start of the process and the
+    reading of the scene as well.
 
     See Also
     --------
@@ -1072,6 +1074,7 @@ class Prospect:
     nanoseconds_per_step: float
     seconds: dict[float, float | None]
     governed_by: str
+    seconds_between: dict[float, tuple[float, float]] = field(default_factory=dict)
     start_seconds: float = 0.0
 
 
@@ -1144,6 +1147,7 @@ def prospect(
     else:
         governed_by = "no impact was seen" if unseen else _spoken(model, slowest)
     known = slowest is not None and not unseen
+    targets = (0.01, 0.001)
     return Prospect(
         method=plan.method,
         states=plan.states,
@@ -1155,7 +1159,12 @@ def prospect(
         start_seconds=start,
         seconds={
             target: pilot.seconds_to(target, relative[slowest]) if known and slowest else None
-            for target in (0.01, 0.001)
+            for target in targets
+        },
+        seconds_between={
+            target: pilot.seconds_between(target, relative[slowest])
+            for target in targets
+            if known and slowest
         },
         governed_by=governed_by,
     )
@@ -1221,12 +1230,18 @@ class PricedRounds:
         took, steps = self.ends[0]
         return max(0.0, took - steps * self._of_worker)
 
-    def seconds_to(self, target: float, error: float) -> float:
-        """Wall time of a run to a relative error, where the pilot has this one."""
+    def seconds_between(self, target: float, error: float) -> tuple[float, float]:
+        """The least and the largest of `seconds_to` for biases within two of their errors."""
+        found = [self.seconds_to(target, error, shift) for shift in (-2.0, 0.0, 2.0)]
+        return min(found), max(found)
+
+    def seconds_to(self, target: float, error: float, shift: float = 0.0) -> float:
+        """Wall time of a run to a relative error, where the pilot has this one, and biases are
+        larger by so many of their standard errors."""
         simulation, plan = self.simulation, self.plan
         exposure = simulation.exposure / plan.duration
         error *= math.sqrt(exposure)  # of one whole path
-        spent, halvings = (0.0, 0) if plan.elastic else self._of_pilots(target, error)
+        spent, halvings = (0.0, 0) if plan.elastic else self._of_pilots(target, error, shift)
         paths = self.first
         price, share = self._price_of(halvings)
         spent += self._before_round + price * self._of_round(paths, share)
@@ -1253,10 +1268,12 @@ class PricedRounds:
             return SLOW_IMPACTS_PRICE * 2.0 ** (halvings - 1), 1.0  # slow impacts are resolved
         return 2.0**halvings, self.plan.coarse_share
 
-    def _of_pilots(self, target: float, error: float) -> tuple[float, int]:
+    def _of_pilots(self, target: float, error: float, shift: float) -> tuple[float, int]:
         """Wall time of the pilots that choose the step, and how often they halve it, as
         `choose_step` would: with the biases of this pilot, a quarter at half the step."""
-        biases, spent = self._biases(), 0.0
+        share = shift / math.sqrt(max(1, self.simulation.pairs.count))
+        biases = [(max(0.0, bias + share * each), each) for bias, each in self._biases()]
+        spent = 0.0
         enough = PILOT_SHARE * max((error / target) ** 2, 2.0 * self.plan.block)
         for halvings in range(MOST_REFINEMENTS + 1):
             last = halvings == MOST_REFINEMENTS
