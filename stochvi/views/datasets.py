@@ -13,7 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stochvi.mathematics.units import ShownQuantity, readable, shown_as
-from stochvi.results.base import RESPONSE_QUANTITIES, DataFrame, with_unit
+from stochvi.results.base import (
+    RESPONSE_QUANTITIES,
+    DataFrame,
+    Result,
+    unit_of_column,
+    with_unit,
+)
 from stochvi.results.estimates import (
     BIAS,
     BIAS_ERROR,
@@ -353,26 +359,33 @@ OTHER_UNITS = {"seconds": "s"}
 """Units of columns that are no quantities."""
 
 
-def to_xarray(table: DataFrame, keys: Sequence[str] | None = None) -> xr.Dataset:
-    """Return the table of a sweep as a Dataset with coordinates and units.
+MOST_BLANKS = 4
+"""Most cells of the grid of an answer for each row of its table; of sparser ones rows are kept."""
 
-    Where the rows are all combinations of the values of the keys, each key is a dimension. Else, as
-    for a table of samples, the one dimension is "sample", and the keys are coordinates along it.
-    Variables have the names of the columns, and `attrs["units"]` in SI. This needs xarray, which
-    `pip install "stochvi[xarray]"` brings.
+
+def to_xarray(table: DataFrame | Result, keys: Sequence[str] | None = None) -> xr.Dataset:
+    """Return the table of a sweep, or of any answer, as a Dataset with coordinates and units.
+
+    Where the rows are all combinations of the values of the keys, each key is a dimension; answers
+    may lack a few, which are NaN. Else, as for a table of samples, the one dimension is "sample",
+    and the keys are coordinates along it. Variables have the names of the columns, and
+    `attrs["units"]` in SI. This needs xarray, which `pip install "stochvi[xarray]"` brings.
 
     Parameters
     ----------
     table
-        What `stochvi.sweep` returned, or a part of its rows.
+        What `stochvi.sweep` returned, or a part of its rows, or an answer: a spectrum, a map,
+        basins.
     keys
-        The columns that are coordinates; by default those that were varied. A table that was read
-        from a file needs them.
+        The columns that are coordinates; by default those that were varied, or the first of an
+        answer that tell its rows apart. A table that was read from a file needs them.
 
     Raises
     ------
     ValueError
         If the keys are not known, or are no columns of the table.
+    ImportError
+        If xarray is not installed.
 
     See Also
     --------
@@ -390,17 +403,26 @@ def to_xarray(table: DataFrame, keys: Sequence[str] | None = None) -> xr.Dataset
     >>> speed.attrs["units"], float(speed.sel({"structure.damping": 0.1})[0])
     ('m/s', 1.0)
     """
-    import xarray as xr
+    try:
+        import xarray as xr
+    except ImportError as error:
+        raise ImportError('to_xarray needs xarray: pip install "stochvi[xarray]"') from error
 
+    most = 1
+    if isinstance(table, Result):
+        table, most = table.to_frame(), MOST_BLANKS
+        columns = list(map(str, table))
+        firsts = (columns[: n + 1] for n in range(len(columns)))
+        told = (first for first in firsts if not table.duplicated(first).any())
+        keys = next(told, columns[:1]) if keys is None else keys
     names = list(table.attrs.get(KEYS, ()) if keys is None else keys)
     if not names or not set(names) <= set(table):
         raise ValueError(
             f"keys must name columns of the table, got {names or 'none'}; give keys=[...] where "
             "the table was read from a file"
         )
-    numbers = [table[name].nunique() for name in names]
-    whole = math.prod(numbers) == len(table) and not table.duplicated(names).any()
-    if whole:
+    cells = math.prod(table[name].nunique() for name in names)
+    if cells <= most * len(table) and not table.duplicated(names).any():
         found = xr.Dataset.from_dataframe(table.set_index(names))
     else:
         rows = table.reset_index(drop=True).rename_axis("sample")
@@ -412,7 +434,8 @@ def to_xarray(table: DataFrame, keys: Sequence[str] | None = None) -> xr.Dataset
 
 def _units(table: DataFrame, keys: Sequence[str]) -> dict[str, str]:
     """The SI units of the columns that have one."""
-    found = {key: unit for key in keys if (unit := unit_of_key(key)) is not None}
+    found = {name: unit for name in map(str, table) if (unit := unit_of_column(name))}
+    found |= {key: unit for key in keys if (unit := unit_of_key(key)) is not None}
     for quantity in quantities(table):
         unit = UNITS.get(quantity.rsplit(".", 1)[1], "1")
         found[quantity] = unit

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import signal
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +23,7 @@ import stochvi.methods.monte_carlo
 from stochvi.cli import main
 from stochvi.isolators import size
 from stochvi.methods.closed_form import exact
-from stochvi.methods.fokker_planck import fokker_planck
+from stochvi.methods.fokker_planck import first_passage, fokker_planck
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.results.deadline import graceful_interrupt
@@ -36,7 +37,9 @@ from stochvi.scenes.keys import changed_scene
 from stochvi.scenes.scene import ImpactPair, Scene, load_scene, scene_from
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.statistics.reliability import reliability
+from stochvi.statistics.spectra import spectrum
 from stochvi.sweeps import Job, sweep, values_of
+from stochvi.verification.check import check
 from stochvi.views.datasets import (
     changes,
     draw_sweep,
@@ -811,6 +814,28 @@ def test_a_sweep_is_a_grid_with_units_for_xarray() -> None:
     with pytest.raises(ValueError, match="keys must name columns"):
         to_xarray(pd.DataFrame(table.to_dict("list")))
     assert to_xarray(pd.DataFrame(table.to_dict("list")), list(values)).sizes == grid.sizes
+
+
+def test_an_answer_is_a_grid_over_the_columns_that_tell_its_rows_apart(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = load_scene(shipped_scene("oscillator-lossy"))
+    found = spectrum(scene, paths=16, threads=1)
+    grid, table = to_xarray(found), found.to_frame()
+    assert set(grid.sizes) == {"of", "quantity", "frequency_hz"}
+    for row in table.iloc[::17].itertuples(index=False):
+        place = {"of": row.of, "quantity": row.quantity, "frequency_hz": row.frequency_hz}
+        for name in ("value", "lower", "upper"):
+            assert float(grid[name].sel(place)) == getattr(row, name)
+    assert int(grid["value"].notnull().sum()) == int(table["value"].notna().sum())
+    times = to_xarray(first_passage(scene, times=[1.0, 2.0]))
+    assert times.sizes == {"time": 2} and times["time"].attrs["units"] == "s"
+    # most cells of a grid of all pairs would be empty: rows stay rows
+    rows = to_xarray(check(scene, rel_error=0.2, threads=1))
+    assert list(rows.sizes) == ["sample"] and {"of", "quantity"} <= set(rows.coords)
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(ImportError, match=r"^to_xarray needs xarray: pip install .*xarray"):
+        to_xarray(found)
 
 
 # ------------------------------------------------------------------------------
