@@ -23,7 +23,7 @@ from stochvi.mathematics.units import (
     shown_as,
 )
 from stochvi.results.base import ROTATIONS, of_angle, quantities_of
-from stochvi.results.estimates import NO_VALUE, format_with_error
+from stochvi.results.estimates import NO_VALUE, capital, format_with_error
 from stochvi.verification.check import (
     AGREES,
     APPROXIMATE,
@@ -677,9 +677,12 @@ DECADES = 1e6
 def replay_told(found: Replay, record: RecordVerdict | None) -> Told:
     """The clearance that the record itself needs, where it is known, and the motion and impacts."""
     needed = [] if record is None else [record.needs()]
+    verdict, *others = [f"{capital(each)}." for each in [*needed, found.summary()]]
     return told_of(
         found,
-        verdict="; ".join([*needed, found.summary()]),
+        verdict=verdict,
+        statements=others,
+        brief=True,
         alarm=any(
             float(pair.hits) > 0.0
             for each in found.clearances

@@ -66,7 +66,6 @@ from stochvi.statistics.rare_hits import (
     windows,
 )
 from stochvi.testing import assert_agrees
-from stochvi.views.report.sizing import limit_in_words
 from support.accuracies import rel_errors
 from support.boxes import INERTIA, PLACES, TABLES, box, direct_matrices, scene_with, tables
 from support.one_mass import Flown, fly_along, stops_at
@@ -409,7 +408,6 @@ def test_an_event_that_is_not_known_is_refused_and_not_taken_for_another(event: 
         lambda: sampler.simulate(0, 2),
         lambda: limit_of_pairs(scene, target, None),
         lambda: widening(scene, target, 1.0, 4.0),
-        lambda: limit_in_words(target),
     ]
     for ask in asked:
         with pytest.raises(ValueError, match="event must be 'impact_speed' or 'peak_accel"):
