@@ -199,7 +199,9 @@ its name and unit."""
 
 def in_three_columns(table: DataFrame) -> list[dict[str, str]]:
     """A row for each quantity of a tidy table: its name, the value with half of its 95 % interval
-    and its unit, and a note: limits, what is known of the bias, and how, where that differs.
+    and its unit, and a note.
+
+    The note has limits, what is known of the bias, and how the number was found if that differs.
 
     >>> row = {"of": "x", "quantity": "rate", "value": 2.0, "standard_error": 0.1, "unit": "1/s"}
     >>> in_three_columns(frame_of([row]))
