@@ -131,6 +131,7 @@ def plot_spectrum(found: ResponseSpectrum, ax: Axes | None = None) -> Axes:
         for colour, (name, curves) in zip(OWNERS, found.curves.items(), strict=False):
             plot_curve(next(iter(curves.values())), ax, colour=colour, label=name)
         ax.set_xlabel("frequency (Hz)")
+        legend_above(ax)
         return ax
     shown = {owner: c for owner, c in found.curves.items() if not MODAL.fullmatch(owner)}
     shown = shown or dict(found.curves)
@@ -212,6 +213,7 @@ def plot_impacts(found: ImpactStatistics, ax: Axes | None = None) -> Axes:
                 plot_histogram(pair.speeds, ax, SPEED, colour=colour, label=name)
         ax.set_xlabel(f"impact speed ({SPEED})")
         ax.set_ylabel(f"density ({SPEED.inverse})")
+        legend_above(ax)
         return ax
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
     colours, speed, time = owner_colours(len(found.pairs)), SPEED.shown.si, TIME.shown.si

@@ -110,6 +110,7 @@ def plot_cost(found: WorkPrecision, ax: Axes | None = None) -> Axes:
     if ax is not None:
         plot_work_precision(found, *keys[0], ax)
         ax.set(xlabel="CPU time of one core (s)", ylabel="relative error (%)")
+        legend_above(ax)
         return ax
     columns = min(3, len(keys))
     rows = -(-len(keys) // columns)

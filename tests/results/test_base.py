@@ -245,6 +245,9 @@ def test_a_picture_is_drawn_in_axes_of_its_own_and_in_given_ones(answer: Result)
         assert ax.has_data() or ax.texts
         assert ax.get_xlabel() or ax.get_ylabel() or ax.get_title()
         assert given is None or ax is given
+        figure: Any = ax.get_figure(root=True)
+        several = len(set(ax.get_legend_handles_labels()[1])) > 1
+        assert not several or figure.legends or any(each.get_legend() for each in figure.axes)
     ax.get_figure(root=True).savefig(io.BytesIO(), format="svg")
     plt.close("all")
 
