@@ -288,13 +288,6 @@ def cubic_between(x0, v0, x1, v1, span):
 
 
 @kernel
-def cubic_at(q, t):
-    """Value and slope of a cubic at the time t."""
-    q0, q1, q2, q3 = q
-    return q0 + t * (q1 + t * (q2 + t * q3)), q1 + t * (2.0 * q2 + t * 3.0 * q3)
-
-
-@kernel
 def cubic_maximum(f0, r0, f1, r1, span):
     """Largest value of the cubic with these values and slopes at the ends."""
     highest = max(f0, f1)
@@ -421,17 +414,11 @@ ROWS_OF_CONTACT_PAIR = ROWS_OF_PAIR + 2 * ROWS_OF_STOP
 """Rows of a pair with compliant stops: those of impacts, then those of the contacts with the
 lower stop, and with the upper stop."""
 
-FASTEST, SHARPEST, FORCE_SQUARE, POSITION_FORCE = range(4)
-EXTREMES = 4
-"""Columns of the extremes of a path: largest impact speed, largest absolute acceleration
-|b x' + w0^2 x + F|, and the integrals of F^2 and of x F over time."""
-
-PLACE, SPEED, LEFT, EXTREME = range(4, 8)
-FOUND = EXTREME + EXTREMES
+PLACE, SPEED, LEFT = range(4, 7)
+FOUND = 7
 """Rows of a contact of one mass that was followed: IMPULSE, LOSS (with what the stop holds at the
 end), PEAK and TIME; deflection and rate at the end; and the time that is left, s. A contact that
-ended has the deflection 0. From EXTREME on stand the extremes, which go on from contact to contact.
-But for the speed they are those of a mass that is shaken."""
+ended has the deflection 0."""
 
 
 # ------------------------------------------------------------------------------

@@ -40,7 +40,7 @@ from stochvi.engine.parts import (
     slope,
     watched,
 )
-from stochvi.engine.sub_steps import Shaken, follow_by_sub_steps, press, through
+from stochvi.engine.sub_steps import press, through
 
 
 def call_by_address(signature: Any) -> Callable[..., Any]:
@@ -102,18 +102,9 @@ OF_MASS = types.intp(
 `through`."""
 
 
-OF_SHAKEN = types.intp(
-    types.float64[:, ::1], types.intp, types.float64, types.float64, types.float64,
-    types.UniTuple(types.float64, 7), types.float64[::1],
-)  # fmt: skip
-"""Signature of the function of a contact of one mass that is shaken: table and row of numbers,
-deflection and rate, the time that is left, the numbers of `Shaken`, and what is found."""
-
-
 call_of_stop = call_by_address(OF_STOP)
 call_of_lanes = call_by_address(OF_LANES)
 call_of_mass = call_by_address(OF_MASS)
-call_of_shaken = call_by_address(OF_SHAKEN)
 
 
 @kernel
@@ -158,15 +149,8 @@ def follow(laws, kind, numbers, row, y, v, left, pressing, stiffness, found):
     call_of_mass(laws[kind, 2], (numbers, row, y, v, left, pressing, stiffness, found))
 
 
-@kernel
-def follow_shaken(laws, kind, numbers, row, y, v, left, motion, found):
-    """`follow_by_sub_steps` of a mass with the numbers of `Shaken`."""
-    call_of_shaken(laws[kind, 3], (numbers, row, y, v, left, motion, found))
-
-
 def functions_of_class(law):
-    """The functions of the class of a law: of one stop, of many lanes, of one mass, and of one mass
-    that is shaken.
+    """The functions of the class of a law: of one stop, of many lanes, and of one mass.
 
     The numbers of that law do not matter.
     """
@@ -194,12 +178,7 @@ def functions_of_class(law):
         through(read_law(law, numbers, row), y, v, left, pressing, stiffness, found)
         return 0
 
-    @kernel
-    def of_shaken(numbers, row, y, v, left, motion, found):
-        follow_by_sub_steps(Shaken(*motion), read_law(law, numbers, row), y, v, left, found)
-        return 0
-
-    return of_stop, of_lanes, of_mass, of_shaken
+    return of_stop, of_lanes, of_mass
 
 
 # ------------------------------------------------------------------------------
@@ -244,20 +223,18 @@ class Stops(NamedTuple):
 
 
 _COMPILED_LAWS: dict[type, tuple[Any, ...]] = {}
-"""Functions of one stop, of many lanes, of one mass, and of one that is shaken, by the class of
-their laws. Their machine code must live as long as this process."""
+"""Functions of one stop, of many lanes and of one mass, by the class of their laws. Their machine
+code must live as long as this process."""
 
 
-def functions_of(
-    laws: list[Any], *, lanes: bool = False, mass: bool = False, shaken: bool = False
-) -> NDArray[Any]:
-    """Addresses of the functions of classes of laws, (classes, 4): of one stop, of many lanes, of
-    one mass, and of one that is shaken. Those of many lanes, or of one mass instead of one stop,
-    are compiled where they are wanted and the law is compliant.
+def functions_of(laws: list[Any], *, lanes: bool = False, mass: bool = False) -> NDArray[Any]:
+    """Addresses of the functions of classes of laws, (classes, 3): of one stop, of many lanes, and
+    of one mass. Those of many lanes, or of one mass instead of one stop, are compiled where they
+    are wanted and the law is compliant.
 
     Addresses hold for this process only. Without compilation they are the functions.
     """
-    signatures = (OF_STOP, OF_LANES, OF_MASS, OF_SHAKEN)
+    signatures = (OF_STOP, OF_LANES, OF_MASS)
     table = np.zeros((len(laws), len(signatures)), object if config.DISABLE_JIT else np.int64)
     for row, law in zip(table, laws, strict=True):
         kind = type(law)
@@ -266,8 +243,8 @@ def functions_of(
             blank = (np.zeros((1,) * np.ndim(each)) if np.ndim(each) else 0.0 for each in law)
             _COMPILED_LAWS[kind] = functions_of_class(kind(*blank))  # type: ignore[no-untyped-call]
         compliant = not is_rigid(law)
-        of_one = mass and compliant, shaken and compliant
-        wanted = not any(of_one), lanes and compliant, *of_one
+        of_one = mass and compliant
+        wanted = not of_one, lanes and compliant, of_one
         for k, signature in enumerate(signatures):
             function = _COMPILED_LAWS[kind][k]
             if config.DISABLE_JIT:

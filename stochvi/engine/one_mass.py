@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from stochvi.engine.arithmetic import (
     ENDED,
-    EXTREME,
     FOUND,
     IMPULSE,
     LEFT,
@@ -24,18 +23,13 @@ from stochvi.engine.arithmetic import (
     ROWS_OF_STOP,
     SPEED,
     TIME,
-    cubic_at,
-    cubic_between,
     log_contact,
     log_impact,
-    time_to_stop,
     uniform_of,
 )
-from stochvi.engine.arithmetic import FASTEST as FASTEST_SUM
-from stochvi.engine.calls import Stops, follow, follow_shaken, mean_rebound_of, rebound_of
+from stochvi.engine.calls import Stops, follow, mean_rebound_of, rebound_of
 from stochvi.engine.compiling import kernel
-from stochvi.engine.parts import generic
-from stochvi.engine.sub_steps import decay, time_to_touch, undamped_motion
+from stochvi.engine.sub_steps import time_to_touch, undamped_motion
 
 # ------------------------------------------------------------------------------
 # Contacts of one mass that begin with a touch and end within a step.
@@ -76,10 +70,6 @@ class Complete(NamedTuple):
     first: float
     per_cell: float
     terms: NDArray[np.float64]
-
-
-NOTHING_KNOWN = Complete(0.0, 0.0, np.zeros((0, CELLS, QUANTITIES, TERMS)))
-"""No complete contact, where noise acts in a step."""
 
 
 def complete_contacts(
@@ -140,88 +130,10 @@ def quantity_of(terms, which, cell, quantity, u):
     return found
 
 
-# ------------------------------------------------------------------------------
-# How one mass moves between its stops, in what is left of a step.
-#
-# A flow is a class of named tuples, for which kernels are compiled:
-#
-#     Rotation    on its spring alone; x is measured from the rest position.
-#     Chord       along the cubic through both ends of an interval between two samples.
-# ------------------------------------------------------------------------------
-
-
-class Rotation(NamedTuple):
-    """Undamped motion on a spring: its `stiffness`, 1/s^2, and the natural frequency `omega`."""
-
-    stiffness: float
-    omega: float
-
-
-class Chord(NamedTuple):
-    """Motion along the cubic from a state to x1, v1, the end without the stops.
-
-    A force F of a stop adds a response d to it, d'' + b d' + w0^2 d = -F. `damping` is b (1/s), and
-    `omega` is w0 (rad/s).
-    """
-
-    x1: float
-    v1: float
-    damping: float
-    omega: float
-
-
-@generic
-def touch(flow, x, v, side, stop, left):
-    """Time until the mass touches a stop, and the speed there; the time is more than what is `left`
-    where it does not. `side` is 1 for an upper stop, -1 for a lower one."""
-
-
-@generic
-def end_of(flow, x, v, left):
-    """Displacement and velocity at the end of what is left, where no stop is touched."""
-
-
-@generic
-def pressing_on(flow, w, side, stop, left):
-    """Mean acceleration onto a rigid stop that is touched at the speed w, m/s^2."""
-
-
-@generic
-def known_contact(flow, w, left, which, at, sums, lane):
+@kernel
+def known_contact(w, left, which, at, sums, lane):
     """A contact that is known as a whole, from its touch at the speed w: the speed after it, and
     what is left; -1 where it has to be followed."""
-
-
-@generic
-def follow_in(flow, y, v, left, which, at, found):
-    """Follow a contact from the deflection y and its rate v; see `calls.follow`."""
-
-
-@generic
-def redirected(flow, x, v, left, x_after, v_after, left_after):
-    """The flow after a stop has changed the motion: the state before that, and after it."""
-
-
-# ---- the mass on its spring alone ----------------------------------------------------------------
-
-
-@touch.of(Rotation)
-def _(flow, x, v, side, stop, left):
-    return time_to_touch(side * x, side * v, side * stop, left, flow.stiffness, flow.omega)
-
-
-@end_of.of(Rotation)
-def _(flow, x, v, left):
-    return undamped_motion(x, v, -flow.stiffness * x, left, flow.omega)
-
-
-@pressing_on.of(Rotation)
-def _(flow, w, side, stop, left):
-    return -flow.stiffness * side * stop
-
-
-@known_contact.of(Rotation)
-def _(flow, w, left, which, at, sums, lane):
     place = (math.log(w) - at.complete.first) * at.complete.per_cell if w > 0.0 else -1.0
     if not 0.0 <= place < CELLS:
         return 0.0, -1.0
@@ -240,80 +152,13 @@ def _(flow, w, left, which, at, sums, lane):
     return back, left
 
 
-@follow_in.of(Rotation)
-def _(flow, y, v, left, which, at, found):
-    pressing = -flow.stiffness * (2.0 * which - 1.0) * at.places[which]
-    follow(
-        at.laws, at.kinds[which], at.numbers, which, y, v, left, pressing, flow.stiffness, found
-    )  # fmt: skip
-
-
-@redirected.of(Rotation)
-def _(flow, x, v, left, x_after, v_after, left_after):
-    return flow
-
-
-# ---- along a cubic -------------------------------------------------------------------------------
-
-
-@touch.of(Chord)
-def _(flow, x, v, side, stop, left):
-    s, w = time_to_stop(side * x, side * v, side * flow.x1, side * flow.v1, left, side * stop)
-    return s * left, w
-
-
-@end_of.of(Chord)
-def _(flow, x, v, left):
-    return flow.x1, flow.v1
-
-
-@pressing_on.of(Chord)
-def _(flow, w, side, stop, left):
-    return (side * flow.v1 - w) / left if left > 0.0 else 0.0
-
-
-@known_contact.of(Chord)
-def _(flow, w, left, which, at, sums, lane):
-    return 0.0, -1.0
-
-
-@follow_in.of(Chord)
-def _(flow, y, v, left, which, at, found):
-    b, stiffness = flow.damping, flow.omega * flow.omega
-    side, stop = 2.0 * which - 1.0, at.places[which]
-    q0, q1, q2, q3 = cubic_between(y, v, side * (flow.x1 - stop), side * flow.v1, left)
-    # what shakes a mass that follows this cubic without the stop
-    motion = (
-        2.0 * q2 + b * q1 + stiffness * q0,
-        6.0 * q3 + 2.0 * b * q2 + stiffness * q1,
-        3.0 * b * q3 + stiffness * q2,
-        stiffness * q3,
-        stiffness,
-        b,
-        side * stop,
-    )
-    follow_shaken(at.laws, at.kinds[which], at.numbers, which, y, v, left, motion, found)
-
-
-@redirected.of(Chord)
-def _(flow, x, v, left, x_after, v_after, left_after):
-    x1, v1, b, omega = flow
-    if left_after > 0.0:
-        z, slope = cubic_at(cubic_between(x, v, x1, v1, left), left - left_after)
-        d, r = x_after - z, v_after - slope
-        shape, change = decay(left_after, b, omega)
-        x1 += (change + b * shape) * d + shape * r
-        v1 += change * r - omega * omega * shape * d
-    return Chord(x1, v1, b, omega)
-
-
 # ------------------------------------------------------------------------------
 # What is left of a step of one mass in which it may touch its stops.
 #
-# Between the stops the mass moves as a flow says (`Rotation`, `Chord`). An impact on a rigid stop
-# takes no time. A contact with a compliant stop is followed (`sub_steps`), unless the flow knows it
-# as a whole, from the tables above. A step may hold any number of both, and a contact may last many
-# steps.
+# Between the stops the mass moves on its spring alone; x is measured from the rest position. An
+# impact on a rigid stop takes no time. A contact with a compliant stop is followed (`sub_steps`),
+# unless it is known as a whole, from the tables above. A step may hold any number of both, and a
+# contact may last many steps.
 # ------------------------------------------------------------------------------
 
 
@@ -370,11 +215,12 @@ def strike(w, left, which, pressing, at, sums, lane, uniform):
 
 
 @kernel
-def follow_contact(flow, y, v, left, which, at, peaks, sums, lane, found):
+def follow_contact(stiffness, y, v, left, which, at, peaks, sums, lane, found):
     """A contact from the deflection y: deflection and rate at its end, and what is left of the
     step, 0 where it lasts."""
     found[PEAK] = peaks[lane, which]
-    follow_in(flow, y, v, left, which, at, found)
+    pressing = -stiffness * (2.0 * which - 1.0) * at.places[which]
+    follow(at.laws, at.kinds[which], at.numbers, which, y, v, left, pressing, stiffness, found)
     row = ROWS_OF_PAIR + ROWS_OF_STOP * which
     sums[lane, row + IMPULSE] += found[IMPULSE]
     sums[lane, row + LOSS] += found[LOSS] if at.lossy[which] else 0.0
@@ -388,12 +234,12 @@ def follow_contact(flow, y, v, left, which, at, peaks, sums, lane, found):
 
 
 @kernel
-def finish_step(flow, x, v, left, at, threshold, peaks, sums, lane, word, found, page):
+def finish_step(stiffness, omega, x, v, left, at, threshold, peaks, sums, lane, word, found, page):
     """What is left of a step of one path: displacement and velocity at its end.
 
     Parameters
     ----------
-    flow : how the mass moves between its stops, `Rotation` or `Chord`.
+    stiffness, omega : 1/s^2 and rad/s, that of the spring and its root.
     left : s, what is left of the step.
     at : `MassStops`.
     threshold : m/s, speed of the slowest impact that is counted.
@@ -410,11 +256,11 @@ def finish_step(flow, x, v, left, at, threshold, peaks, sums, lane, word, found,
     for event in range(MOST_EVENTS):
         touched, w = which == NO_STOP, 0.0
         if touched:
-            up, w_up = touch(flow, x, v, 1.0, at.places[1], left)
-            down, w_down = touch(flow, x, v, -1.0, at.places[0], left)
+            up, w_up = time_to_touch(x, v, at.places[1], left, stiffness, omega)
+            down, w_down = time_to_touch(-x, -v, -at.places[0], left, stiffness, omega)
             t = min(up, down)
             if t > left:
-                return end_of(flow, x, v, left)
+                return undamped_motion(x, v, -stiffness * x, left, omega)
             left -= t
             which, w = (1, w_up) if up <= down else (0, w_down)
             x, v = at.places[which], w if which == 1 else -w
@@ -422,7 +268,6 @@ def finish_step(flow, x, v, left, at, threshold, peaks, sums, lane, word, found,
             sums[lane, 3 * which] += 1.0 if counted else 0.0
             sums[lane, 3 * which + 1] += w
             sums[lane, 3 * which + 2] += w * w
-            found[EXTREME + FASTEST_SUM] = max(found[EXTREME + FASTEST_SUM], w)
             if page is not None:  # a test of its own is left out when compiled
                 if not at.rigid[which]:
                     taken = sums[lane, ROWS_OF_PAIR + ROWS_OF_STOP * which + LOSS]
@@ -432,16 +277,15 @@ def finish_step(flow, x, v, left, at, threshold, peaks, sums, lane, word, found,
         side, stop = 2.0 * which - 1.0, at.places[which]
         y, back, rest = 0.0, 0.0, -1.0
         if at.rigid[which]:
-            pressing = pressing_on(flow, w, side, stop, left)
+            pressing = -stiffness * side * stop
             back, rest = strike(w, left, which, pressing, at, sums, lane, uniform_of(word, event))
         elif touched:
-            back, rest = known_contact(flow, w, left, which, at, sums, lane)
+            back, rest = known_contact(w, left, which, at, sums, lane)
         u = -back
         if rest < 0.0:
             y, u, rest = follow_contact(
-                flow, side * (x - stop), side * v, left, which, at, peaks, sums, lane, found
+                stiffness, side * (x - stop), side * v, left, which, at, peaks, sums, lane, found
             )
-        flow = redirected(flow, x, v, left, stop + side * y, side * u, rest)
         x, v, left = stop + side * y, side * u, rest
         if left <= 0.0:
             break

@@ -11,14 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.engine.arithmetic import (
-    EXTREME,
-    FORCE_SQUARE,
     IMPULSE,
     LOSS,
     PEAK,
     PLACE,
-    POSITION_FORCE,
-    SHARPEST,
     SPEED,
     TIME,
     columns_of,
@@ -743,9 +739,7 @@ def press(kind, memory, low, high, numbers, fastest):
 #     y'' = pressing - stiffness y - F(y, y'),
 #
 # y the deflection. A force that is linear is followed in closed form, by its law. Sub-steps serve
-# any force. They also follow a mass that is shaken,
-#
-#     y'' = p(t) - stiffness y - damping y' - F(y, y'),    p a polynomial of third order.
+# any force.
 # ------------------------------------------------------------------------------
 
 
@@ -759,11 +753,6 @@ contacts with a ball, 99 of 100 were below 1.3e-5, and the state at any time bel
 largest. The peak of a force that depends on the rate has twice that error. The energy of a contact
 without losses is kept. It is not resolved whether a mass that is pressed on leaves its stop with
 less than a millionth of its energy."""
-
-KINK_ERROR = 6e-4
-"""Relative error of the same quantities of a mass that is shaken, where the slope of the force
-jumps."""
-
 
 MOST_TRIES_OF_ONE_MASS = 40
 """Largest number of Newton steps to the time of an event; each repeats a sub-step."""
@@ -797,45 +786,10 @@ class Swing(NamedTuple):
     stiffness: float
 
 
-class Shaken(NamedTuple):
-    """A mass on spring and damper under p0 + p1 t + p2 t^2 + p3 t^3, m/s^2.
-
-    `stiffness` and `damping` are w0^2 (1/s^2) and b (1/s), and `place` is that of the stop, m.
-    """
-
-    p0: float
-    p1: float
-    p2: float
-    p3: float
-    stiffness: float
-    damping: float
-    place: float
-
-
-@generic
-def acceleration(motion, t, y, v):
+@kernel
+def acceleration(motion, y):
     """Acceleration of the mass without the force of the stop, m/s^2."""
-
-
-@generic
-def largest_pressing(motion, left):
-    """Largest acceleration onto the stop at y = 0 in what is left, m/s^2."""
-
-
-@generic
-def square_of_rates(motion):
-    """Square of the largest rate of the mass without the stop, 1/s^2."""
-
-
-@generic
-def push_over(motion, law, on, t, start, end, h, found):
-    """Largest force in a sub-step, from (y, y') at its start and (y, y', y'') at its end; what else
-    a motion adds up over it is added to `found`."""
-
-
-@generic
-def settle(motion, law, y0, v0, y, v, found):
-    """The rate at the end of a contact from y0 and v0, as well as it is known; notes LOSS."""
+    return motion.pressing - motion.stiffness * y
 
 
 @kernel
@@ -846,21 +800,21 @@ def push_of(law, on, y, v):
 
 
 @kernel
-def sub_step(motion, law, on, t, y, v, h):
+def sub_step(motion, law, on, y, v, h):
     """A sub-step of the Runge-Kutta method of order 4: deflection, rate and its derivative at the
     end, and the impulse of the stop."""
     half, sixth = 0.5 * h, h / 6.0
     f0 = push_of(law, on, y, v)
-    a0 = acceleration(motion, t, y, v) - f0
+    a0 = acceleration(motion, y) - f0
     y1, v1 = y + half * v, v + half * a0
     f1 = push_of(law, on, y1, v1)
-    a1 = acceleration(motion, t + half, y1, v1) - f1
+    a1 = acceleration(motion, y1) - f1
     y2, v2 = y + half * v1, v + half * a1
     f2 = push_of(law, on, y2, v2)
-    a2 = acceleration(motion, t + half, y2, v2) - f2
+    a2 = acceleration(motion, y2) - f2
     y3, v3 = y + h * v2, v + h * a2
     f3 = push_of(law, on, y3, v3)
-    a3 = acceleration(motion, t + h, y3, v3) - f3
+    a3 = acceleration(motion, y3) - f3
     return (
         y + sixth * (v + 2.0 * (v1 + v2) + v3),
         v + sixth * (a0 + 2.0 * (a1 + a2) + a3),
@@ -885,21 +839,21 @@ def distance_to_event(law, on, y, v, a):
 
 
 @kernel
-def time_of_push(motion, law, t, start, end, h):
+def time_of_push(motion, law, start, end, h):
     """How long the stop pushes in a sub-step, s, from (y, y') at its start and (y, y', y'') at its
     end. A stop without a margin of its own may cease to push, or begin to, within it."""
     (y, v), (y1, v1, a1) = start, end
     if not is_lossy(law):
         return h
     f0 = force(law, y, v)
-    middle, speed = middle_of(motion, t, y, v, y1, v1, a1, max(f0, 0.0), h)
+    middle, speed = middle_of(motion, y, v, y1, v1, a1, max(f0, 0.0), h)
     return h * share_above_zero(f0, force(law, middle, speed), force(law, y1, v1))
 
 
 @kernel
-def middle_of(motion, t, y, v, y1, v1, a1, f0, h):
+def middle_of(motion, y, v, y1, v1, a1, f0, h):
     """Deflection and rate in the middle of a sub-step, whose force at the start is f0."""
-    a0 = acceleration(motion, t, y, v) - f0
+    a0 = acceleration(motion, y) - f0
     return 0.5 * (y + y1) + 0.125 * h * (v - v1), 0.5 * (v + v1) + 0.125 * h * (a0 - a1)
 
 
@@ -913,14 +867,25 @@ def push_at_turn(law, on, y, v, y1, v1, h, f0, f1):
 
 
 @kernel
-def largest_rate(motion, law, y, v, left):
+def push_over(motion, law, on, start, end, h):
+    """Largest force in a sub-step, from (y, y') at its start and (y, y', y'') at its end."""
+    (y, v), (y1, v1, a1) = start, end
+    f0, f1 = push_of(law, on, y, v), push_of(law, on, y1, v1)
+    if not is_lossy(law):
+        return push_at_turn(law, on, y, v, y1, v1, h, f0, f1)
+    middle, speed = middle_of(motion, y, v, y1, v1, a1, f0, h)
+    return parabola_maximum(f0, push_of(law, on, middle, speed), f1)
+
+
+@kernel
+def largest_rate(motion, law, y, v):
     """Largest rate of the motion in a contact, rad/s."""
-    pressing = largest_pressing(motion, left)
+    pressing = motion.pressing
     fast, pull = rate(law, y, v, max(pressing, 0.0)), max(-pressing, 0.0)
     square = v * v + 2.0 * pull * y
     # a slow mass that is pulled off the stop turns back before its force counts
     turn = pull * pull / square if square > 0.0 else 0.0
-    return math.sqrt(square_of_rates(motion) + fast * fast + turn)
+    return math.sqrt(motion.stiffness + fast * fast + turn)
 
 
 @kernel
@@ -948,21 +913,20 @@ def lost_energy(y, v, y1, v1, pressing, stiffness):
 
 @kernel
 def follow_by_sub_steps(motion, law, y, v, left, found):
-    """`through` for any force and motion."""
-    y0, v0, over, ends, t = y, v, False, False, 0.0
-    longest = ANGLE_OF_ONE_MASS / largest_rate(motion, law, y, v, left)
+    """`through` for any force."""
+    y0, v0, over, ends = y, v, False, False
+    longest = ANGLE_OF_ONE_MASS / largest_rate(motion, law, y, v)
     on = 1.0 if y <= 0.0 or margin(law, y, v) > 0.0 else 0.0
     impulse, lasted, peak = 0.0, 0.0, found[PEAK]
-    found[LOSS] = 0.0
     for _ in range(MOST_SUB_STEPS):
         whole = h = min(length_of_sub_step(law, y, v, longest), left)
-        y1, v1, a1, push = sub_step(motion, law, on, t, y, v, h)
+        y1, v1, a1, push = sub_step(motion, law, on, y, v, h)
         if v < 0.0 < v1:  # it may have left the stop where it turned back
             turn = h * v / (v - v1)
-            low, _, _, _ = sub_step(motion, law, on, t, y, v, turn)
+            low, _, _, _ = sub_step(motion, law, on, y, v, turn)
             if low < 0.0:
                 whole = h = turn
-                y1, v1, a1, push = sub_step(motion, law, on, t, y, v, h)
+                y1, v1, a1, push = sub_step(motion, law, on, y, v, h)
         distance, rise, ends = distance_to_event(law, on, y1, v1, a1)
         event = distance < 0.0
         for _ in range(MOST_TRIES_OF_ONE_MASS if event else 0):
@@ -970,15 +934,14 @@ def follow_by_sub_steps(motion, law, y, v, left, found):
             if abs(following - h) <= EVENT_CHANGE * whole:
                 break
             h = following
-            y1, v1, a1, push = sub_step(motion, law, on, t, y, v, h)
+            y1, v1, a1, push = sub_step(motion, law, on, y, v, h)
             # the event that was found stays the one that is looked for
             distance, rise = (y1, v1) if ends else (margin(law, y1, v1), margin(law, v1, a1))
             distance, rise = (-distance, -rise) if on == 0.0 and not ends else (distance, rise)
-        peak = max(peak, push_over(motion, law, on, t, (y, v), (y1, v1, a1), h, found))
+        peak = max(peak, push_over(motion, law, on, (y, v), (y1, v1, a1), h))
         impulse += push
-        lasted += on * time_of_push(motion, law, t, (y, v), (y1, v1, a1), h)
+        lasted += on * time_of_push(motion, law, (y, v), (y1, v1, a1), h)
         left -= h
-        t += h
         y, v = y1, v1
         over = event and (ends or y <= 0.0)
         on = 1.0 - on if event else on
@@ -986,94 +949,14 @@ def follow_by_sub_steps(motion, law, y, v, left, found):
             break
     y = 0.0 if over else y
     found[IMPULSE], found[PEAK], found[TIME] = impulse, peak, lasted
-    found[SPEED] = settle(motion, law, y0, v0, y, v, found)
+    pressing, stiffness = motion
+    if not is_lossy(law):
+        held = 0.0 if y0 == y else energy(law, y0) - energy(law, y)
+        v = speed_by_energy(held, y0, v0, y, v, pressing, stiffness)
+    found[SPEED], found[LOSS] = v, lost_energy(y0, v0, y, v, pressing, stiffness)
     found[PLACE], found[LEFT_SUM] = y, max(left, 0.0) if over else 0.0
 
 
 @through.of(object)
 def _(law, y, v, left, pressing, stiffness, found):
     follow_by_sub_steps(Swing(pressing, stiffness), law, y, v, left, found)
-
-
-# ---- the mass on its spring ----------------------------------------------------------------------
-
-
-@acceleration.of(Swing)
-def _(motion, t, y, v):
-    return motion.pressing - motion.stiffness * y
-
-
-@largest_pressing.of(Swing)
-def _(motion, left):
-    return motion.pressing
-
-
-@square_of_rates.of(Swing)
-def _(motion):
-    return motion.stiffness
-
-
-@push_over.of(Swing)
-def _(motion, law, on, t, start, end, h, found):
-    (y, v), (y1, v1, a1) = start, end
-    f0, f1 = push_of(law, on, y, v), push_of(law, on, y1, v1)
-    if not is_lossy(law):
-        return push_at_turn(law, on, y, v, y1, v1, h, f0, f1)
-    middle, speed = middle_of(motion, t, y, v, y1, v1, a1, f0, h)
-    return parabola_maximum(f0, push_of(law, on, middle, speed), f1)
-
-
-@settle.of(Swing)
-def _(motion, law, y0, v0, y, v, found):
-    pressing, stiffness = motion
-    if not is_lossy(law):
-        held = 0.0 if y0 == y else energy(law, y0) - energy(law, y)
-        v = speed_by_energy(held, y0, v0, y, v, pressing, stiffness)
-    found[LOSS] = lost_energy(y0, v0, y, v, pressing, stiffness)
-    return v
-
-
-# ---- the mass that is shaken ---------------------------------------------------------------------
-
-
-@acceleration.of(Shaken)
-def _(motion, t, y, v):
-    shaking = motion.p0 + t * (motion.p1 + t * (motion.p2 + t * motion.p3))
-    return shaking - motion.stiffness * y - motion.damping * v
-
-
-@largest_pressing.of(Shaken)
-def _(motion, left):
-    return max(motion.p0, acceleration(motion, left, 0.0, 0.0))
-
-
-@square_of_rates.of(Shaken)
-def _(motion):
-    return motion.stiffness + motion.damping * motion.damping
-
-
-@push_over.of(Shaken)
-def _(motion, law, on, t, start, end, h, found):
-    (y, v), (y1, v1, a1) = start, end
-    f0, f1 = push_of(law, on, y, v), push_of(law, on, y1, v1)
-    middle, speed = middle_of(motion, t, y, v, y1, v1, a1, f0, h)
-    centre = push_of(law, on, middle, speed)
-    sixth = h / 6.0
-    found[LOSS] += sixth * (f0 * v + 4.0 * centre * speed + f1 * v1)
-    square = sixth * (f0 * f0 + 4.0 * centre * centre + f1 * f1)
-    lever = sixth * (f0 * y + 4.0 * centre * middle + f1 * y1)
-    lever += motion.place * sixth * (f0 + 4.0 * centre + f1)
-    highest = parabola_maximum(f0, centre, f1)
-    if not is_lossy(law):
-        highest = push_at_turn(law, on, y, v, y1, v1, h, f0, f1)
-    # what the structure adds to the largest force hardly changes within a sub-step
-    structural = motion.stiffness * (motion.place + middle) + motion.damping * speed
-    found[EXTREME + FORCE_SQUARE] += square
-    found[EXTREME + POSITION_FORCE] += lever
-    found[EXTREME + SHARPEST] = max(found[EXTREME + SHARPEST], highest + structural)
-    return highest
-
-
-@settle.of(Shaken)
-def _(motion, law, y0, v0, y, v, found):
-    return v

@@ -30,7 +30,7 @@ from stochvi.methods.monte_carlo.kernels.records import (
     Waves,
     outcrossing_ages,
 )
-from stochvi.methods.monte_carlo.tabulated import MOST_SAMPLES
+from stochvi.methods.monte_carlo.synthesis import MOST_SAMPLES
 from stochvi.model.coverage import (
     beyond_one_oscillator,
     free_motion,

@@ -20,7 +20,6 @@ from stochvi import Elastic, ForceFunction, ForceTable, PowerLaw, Restitution, V
 from stochvi.engine.arithmetic import (
     COLUMNS,
     ENDED,
-    EXTREME,
     FOUND,
     IMPULSE,
     LEFT,
@@ -294,7 +293,7 @@ def followed(
 ) -> NDArray[np.float64]:  # fmt: skip
     """A contact with the upper stop, followed for some time in so many parts; what ends in a part
     has all the others left."""
-    total, found = np.zeros(EXTREME), np.zeros(FOUND)
+    total, found = np.zeros(FOUND), np.zeros(FOUND)
     for part in range(parts):
         left = seconds / parts
         follow(at.laws, at.kinds[1], at.numbers, 1, y, v, left, pressing, stiffness, found)

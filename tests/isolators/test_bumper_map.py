@@ -43,7 +43,6 @@ from stochvi.isolators.sizing.review import WindowSampler, clatter, plan_windows
 from stochvi.isolators.tolerances import changed_stops
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.methods.monte_carlo.modal import plan_modal
-from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of
 from stochvi.results.deadline import NEVER
 from stochvi.results.estimates import Estimate, binomial_interval
@@ -57,6 +56,7 @@ from stochvi.views.pages import print_told
 from stochvi.views.statistics import bumper_map_told, plot_bumper_map
 from support import judges
 from support.mounts import truck
+from support.synthesis import OfMass
 
 TRUCK = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
 MOUNT = Isolator(frequency_hz=12.0, zeta=0.1, mass=2.5)
@@ -445,12 +445,9 @@ def test_the_mean_square_is_that_of_samples(law: CompliantLaw) -> None:
     clearance = 1.5 * screen(scene).displacement_std
     row = clatter(scene, [clearance], rel_error=0.02, window=8.0, seed=2).iloc[0]
     stopped = at_clearances(scene, clearance)
-    plan = plan_tabulated(model_of(stopped), 0.0, 8.0)
+    plan = OfMass.of(stopped, duration=8.0)
     paths, model = 256, model_of(stopped)
-    blocks = []
-    for first in range(0, paths, plan.block):
-        blocks.append(np.zeros((plan.steps, plan.block, 3)))
-        plan.averages(7, first, plan.block, blocks[-1])
+    blocks = [plan.recorded(7, first, plan.block)[1] for first in range(0, paths, plan.block)]
     x, v, _ = np.concatenate(blocks, axis=1).transpose(2, 0, 1)
     push = law.force_at(x - clearance) - law.force_at(-x - clearance)
     square = ((model.damping_rate * v + model.omega**2 * x + push) ** 2).mean(axis=0)

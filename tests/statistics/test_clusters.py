@@ -18,7 +18,6 @@ from stochvi import (
     Isolator,
     Matrices,
     NotApplicable,
-    NotConverged,
     Oscillator,
     Restitution,
     Scene,
@@ -30,13 +29,6 @@ from stochvi import (
 )
 from stochvi.engine.arithmetic import (
     COLUMNS,
-    EXTREME,
-    EXTREMES,
-    FASTEST,
-    FORCE_SQUARE,
-    FOUND,
-    POSITION_FORCE,
-    SHARPEST,
     Log,
 )
 from stochvi.isolators.sizing.answer import Target
@@ -50,24 +42,12 @@ from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.methods.monte_carlo.choose_plan import make_plan, with_tables
 from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
-from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of
-from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Estimate, of_events
-from stochvi.sampling.run import Run
-from stochvi.sampling.workers import pool_of
 from stochvi.scenes import RigidBody
 from stochvi.scenes.impact_laws import Law, SpeedRestitution
 from stochvi.statistics import clusters
-from stochvi.statistics.clusters import (
-    Bursts,
-    ClusterPaths,
-    asked_in_parts,
-    bursts,
-    chance_of,
-    is_far,
-    widened,
-)
+from stochvi.statistics.clusters import Bursts, ClusterPaths, bursts, chance_of, is_far, widened
 from stochvi.statistics.crossings import PairMotion, first_crossings
 from stochvi.statistics.rare_hits import (
     Limit,
@@ -78,9 +58,9 @@ from stochvi.statistics.rare_hits import (
     windows,
 )
 from stochvi.testing import assert_agrees
+from stochvi.views.report.sizing import limit_in_words
 from support.accuracies import rel_errors
 from support.boxes import INERTIA, PLACES, TABLES, box, direct_matrices, scene_with, tables
-from support.one_mass import Flown, fly_along, stops_at
 from support.pairs import LAW, diagonal, pair, uncoupled
 from support.runs import run_of
 
@@ -218,11 +198,12 @@ def test_chance_of_a_sharp_hit_against_whole_missions() -> None:
     """Largest absolute acceleration in 6 s, from paths with everything simulated."""
     scene = truck(3.6, Elastic(stiffness=100.0 * (24.0 * math.pi) ** 2))
     limit, window, paths = 120.0, 6.0, 4096
-    plan = plan_tabulated(model_of(scene), None, window)
-    extremes = np.zeros((paths, EXTREMES))
+    plan = plan_modal_tables(model_of(scene), None, window)
+    sharpest = np.zeros((paths, 1))
     for first in range(0, paths, plan.block):
-        plan.averages(3, first, plan.block, None, extremes[first : first + plan.block])
-    share = float(np.mean(extremes[:, SHARPEST] > limit))
+        part = sharpest[first : first + plan.block]
+        plan.averages(3, first, plan.block, accelerations=part)
+    share = float(np.mean(sharpest > limit))
     rate = -math.log1p(-share) / plan.duration
     error = math.sqrt(share / (1.0 - share) / paths) / plan.duration
 
@@ -238,26 +219,6 @@ def test_chance_of_a_sharp_hit_against_whole_missions() -> None:
     assert_agrees(both, rate)
     with pytest.raises(AssertionError):
         assert_agrees(both, 2.0 * rate)
-
-
-def test_a_contact_gives_its_largest_acceleration_and_integrals() -> None:
-    """A free mass on a spring K: F = w W sin W t, W^2 = K, for half a period."""
-    stiffness, w, h = 400.0, 1.5, 0.05
-    found, place = np.zeros(FOUND), 2.0
-    x, v = place - 0.5 * h * w, w
-    at = stops_at({1.0: (place, Elastic(stiffness=stiffness))}, 0.0, shaken=True)
-    flown = Flown.before()
-    for _ in range(8):
-        x, v = fly_along((x, v, x + h * v, v), h, (0.0, 0.0), at, flown, found)
-    extremes = found[EXTREME:]
-    frequency = math.sqrt(stiffness)
-    half = 0.5 * math.pi / frequency
-    assert extremes[FASTEST] == pytest.approx(w, rel=1e-12)
-    # CONTACT_ERROR of the integration; of the crest, the cubic within a sub-step
-    assert extremes[SHARPEST] == pytest.approx(w * frequency, rel=1e-5)
-    assert extremes[FORCE_SQUARE] == pytest.approx((w * frequency) ** 2 * half, rel=1e-5)
-    lever = place * 2.0 * w + w**2 * half
-    assert extremes[POSITION_FORCE] == pytest.approx(lever, rel=1e-5)
 
 
 def test_stops_must_lie_beyond_the_mean_position() -> None:
@@ -404,21 +365,6 @@ def test_names_that_clusters_do_not_have_are_refused_in_sentences() -> None:
         bursts(unit(4.0, Elastic(stiffness=1e4)), mission=3.0)  # type: ignore[call-arg]
 
 
-def test_a_part_without_an_answer_is_named_where_all_parts_are_needed() -> None:
-    def ask(name: str, _: Run) -> str:
-        if name == "rail":
-            raise NotConverged("the budget of 2 s ended; raise budget")
-        return name
-
-    durations = {"road": 60.0, "rail": 60.0}
-    with pool_of(None, 1) as pool:
-        run = Run(pool, Deadline.after(10.0))
-        with pytest.raises(NotConverged, match=r"^there is no answer without rail: the budget"):
-            asked_in_parts(run, durations, ask)
-        found, missing = asked_in_parts(run, durations, ask, all_needed=False)
-    assert [*found] == ["road"] and [*missing] == ["rail, answer"]
-
-
 @pytest.mark.parametrize("event", ["impact_energy", "hit"])
 def test_an_event_that_is_not_known_is_refused_and_not_taken_for_another(event: str) -> None:
     scene = unit(4.0, Elastic(stiffness=1e4))
@@ -435,6 +381,7 @@ def test_an_event_that_is_not_known_is_refused_and_not_taken_for_another(event: 
         lambda: sampler.simulate(0, 2),
         lambda: limit_of_pairs(scene, target, None),
         lambda: widening(scene, target, 1.0, 4.0),
+        lambda: limit_in_words(target),
     ]
     for ask in asked:
         with pytest.raises(ValueError, match="event must be 'impact_speed' or 'peak_accel"):

@@ -42,7 +42,7 @@ from stochvi.isolators.screening import at_clearances
 from stochvi.mathematics.spectra import squared_gain
 from stochvi.mathematics.unsteady_noise import Shocks
 from stochvi.methods.monte_carlo.choose_plan import plan_histories
-from stochvi.methods.monte_carlo.tabulated import plan_tabulated
+from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import model_of
 from stochvi.results.deadline import NEVER
@@ -320,7 +320,7 @@ def envelope_rate(scene: Scene, level: float) -> float:
 def test_an_input_narrower_than_the_mount_is_remembered_for_as_long_as_it_lasts() -> None:
     """Clusters are then excursions of the envelope, of some 14 crossings at 5 sigma each."""
     scene = narrow(0.02)
-    short = plan_tabulated(model_of(scene), None, None)
+    short = plan_modal_tables(model_of(scene), None, None)
     assert short.block_length * 0.04 < 4.0  # bins
     sigma = deviations(scene)[0]
     found = first_crossings(scene, [5.0 * sigma], mission=HOUR, rel_error=0.05, seed=6)

@@ -985,7 +985,7 @@ def departure(found: History, of: str = "") -> float:
 @quick_cases("name", list(SCENES), keep=(0, 1, 2, 3, 5))
 def test_its_impacts_are_those_of_the_same_path_of_a_simulation(name: str) -> None:
     scene = SCENES[name]
-    duration = 0.1 * make_plan(model_of(scene)).duration
+    duration = 0.4 * make_plan(model_of(scene)).duration
     logs = plan_impacts(scene, duration=duration).impacts(seed=3, first_path=7, paths=1)
     found = history(scene, duration=duration, seed=3, path=7)
     for each, log in logs.items():

@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 
 from stochvi.engine.arithmetic import (
     FOUND,
-    NO_LOG,
     ROWS_OF_CONTACT_PAIR,
     ROWS_OF_PAIR,
     ROWS_OF_STOP,
-    page_of,
 )
-from stochvi.engine.one_mass import Chord, MassStops, Rotation, finish_step
+from stochvi.engine.one_mass import MassStops, finish_step
 from stochvi.methods.monte_carlo.white import StopsOfMass
 from stochvi.scenes.impact_laws import Law
 
@@ -44,13 +42,11 @@ class Flown(NamedTuple):
 
 def stops_at(
     stops: dict[float, tuple[float, Law]], stiffness: float, speed: float = 1.0,
-    step: float = 1.0, shaken: bool = False,
+    step: float = 1.0,
 ) -> MassStops:  # fmt: skip
     """Stops by side, each with its position from the rest position and its law per unit mass."""
     laws = {int(side > 0.0): (place, law.compiled()) for side, (place, law) in stops.items()}
-    return StopsOfMass(
-        laws=laws, stiffness=stiffness, speed=speed, longest=step, shaken=shaken
-    ).for_kernel
+    return StopsOfMass(laws=laws, stiffness=stiffness, speed=speed, longest=step).for_kernel
 
 
 def fly(
@@ -58,23 +54,7 @@ def fly(
 ) -> tuple[float, float]:
     """Displacement and velocity after `span` s, without noise."""
     found: tuple[float, float] = finish_step(
-        Rotation(stiffness, math.sqrt(stiffness)), x, v, span, at, 0.0, flown.peaks, flown.sums, 0,
+        stiffness, math.sqrt(stiffness), x, v, span, at, 0.0, flown.peaks, flown.sums, 0,
         np.uint64(1), np.zeros(FOUND), None,
     )  # fmt: skip
     return found
-
-
-def fly_along(
-    ends: tuple[float, float, float, float], span: float, structure: tuple[float, float],
-    at: MassStops, flown: Flown, found: NDArray[np.float64] | None = None,
-) -> tuple[float, float]:  # fmt: skip
-    """Displacement and velocity after `span` s, from x0 and v0 along the cubic to x1 and v1.
-
-    `structure` is b (1/s) and w0 (rad/s); `found` gets the extremes.
-    """
-    x0, v0, x1, v1 = ends
-    end: tuple[float, float] = finish_step(
-        Chord(x1, v1, *structure), x0, v0, span, at, 0.0, flown.peaks, flown.sums, 0, np.uint64(0),
-        np.zeros(FOUND) if found is None else found, page_of.py_func(NO_LOG, 0, 0, span),
-    )  # fmt: skip
-    return end

@@ -28,8 +28,8 @@ from stochvi.isolators.tolerances import Tolerances
 from stochvi.mathematics.numerics import ROUNDING, Vector
 from stochvi.mathematics.spectra import welch
 from stochvi.methods.monte_carlo import record_path
-from stochvi.methods.monte_carlo.kernels.flight import Extremes, Sums
-from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
+from stochvi.methods.monte_carlo.choose_plan import with_tables
+from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
 from stochvi.results.base import DataFrame, Response, frame_of, plain, stacked
@@ -447,12 +447,12 @@ def _variants(
         yield ratio, scene.model_copy(update={"impact_pairs": (pair.model_copy(update=laws),)})
 
 
-def plan_windows(scene: Scene, window: float) -> TabulatedPlan:
+def plan_windows(scene: Scene, window: float) -> ModalTablesPlan:
     """Paths of the length of a window, sampled finely enough for free crests."""
     # the threshold speed is 0: every contact counts, however slow
-    plan = plan_tabulated(model_of(scene), 0.0, window)
+    plan = plan_modal_tables(with_tables(model_of(scene)), 0.0, window)
     period = 2.0 * math.pi / plan.model.omega
-    return plan.with_step(min(plan.step, period / SAMPLES_PER_PERIOD))
+    return plan.unbroken(window).with_step(min(plan.step, period / SAMPLES_PER_PERIOD))
 
 
 @dataclass(frozen=True)
@@ -468,22 +468,29 @@ class _Averages:
         return _Averages(*(np.concatenate(pair) for pair in pairs))
 
 
-def _averages(plan: TabulatedPlan, seed: int, first_path: int, paths: int) -> _Averages:
-    extremes = Extremes.zeros(paths)
-    means = Sums(plan.averages(seed, first_path, paths, None, extremes.table))
-    b, stiff = plan.model.damping_rate, plan.model.omega**2
-    square = b**2 * means.velocity_square + stiff**2 * means.displacement_square
-    if plan.contacts:
-        within = extremes.force_square + 2.0 * stiff * extremes.position_force
-        square = square + 2.0 * b * means.contact_loss + within / plan.duration
-    return _Averages(means.impacts, square, extremes.acceleration)
+def _averages(plan: ModalTablesPlan, seed: int, first_path: int, paths: int) -> _Averages:
+    """Averages of windows. The mean square is that at the samples, which fall on every phase of a
+    contact alike; the largest value is that of all samples and of all sub-steps of contacts."""
+    model, ((shape,),) = plan.model, plan.modes.shapes
+    record, sharpest = np.zeros((plan.steps, paths, plan.record_width)), np.zeros((paths, 1))
+    means = plan.averages(seed, first_path, paths, record, accelerations=sharpest)
+    x, v = shape * record[:, :, 0], shape * record[:, :, 1]
+    acceleration = model.damping_rate * v + model.omega**2 * x
+    hits = np.zeros(paths)
+    for pair in model.pairs:
+        acceleration += pair.force(x + model.rest, v) / model.unit_mass
+        hits += sum(
+            means[plan.layout.rows.index((pair.name, f"n_{stop.name}"))] for stop in pair.stops
+        )
+    largest = np.maximum(np.abs(acceleration).max(axis=0), sharpest[:, 0])
+    return _Averages(hits, np.mean(acceleration**2, axis=0), largest)
 
 
 @dataclass(frozen=True, eq=False)
 class WindowSampler(Sampler[list[_Averages], list[_Averages]]):
     """Windows by several plans, all from the same random numbers."""
 
-    plans: tuple[TabulatedPlan, ...]
+    plans: tuple[ModalTablesPlan, ...]
     seed: int
 
     @property
@@ -515,7 +522,7 @@ class _Windows:
     """Windows with stops, with stops at half as many samples, and without stops, all from the same
     random numbers."""
 
-    def __init__(self, plan: TabulatedPlan, free: TabulatedPlan, run: Run) -> None:
+    def __init__(self, plan: ModalTablesPlan, free: ModalTablesPlan, run: Run) -> None:
         sampler = WindowSampler((plan, plan.coarser(), free), run.seed)
 
         def error(found: list[_Averages]) -> float:
@@ -523,8 +530,8 @@ class _Windows:
             return error / mean if mean else 0.0
 
         self.found = run.to_accuracy(sampler, FIRST_PATHS, error, run.accuracy).sample
-        variance = np.sum(free.amplitudes**2)
-        self.sigma = math.sqrt(float(variance))
+        (variance, *_) = np.diag(free.law.covariance)
+        self.sigma = abs(float(free.modes.shapes[0, 0])) * math.sqrt(float(variance))
 
     def columns(self) -> dict[str, float]:
         """Columns of one row."""
@@ -1134,8 +1141,12 @@ def _estimate(answer: Response, quantity: str, factor: float) -> Estimate | None
 
 
 def _warnings(sizing: Sizing) -> tuple[str, ...]:
-    """Warnings of the sizing and of the screening, each once."""
-    return tuple(dict.fromkeys([*sizing.warnings, *sizing.screening.notes]))
+    """Warnings of the sizing, of the screening and of measured records, each once."""
+    record = sizing.record
+    found = [record.sentence()] if record is not None and not record.agrees else []
+    found += sizing.warnings
+    found += sizing.screening.notes
+    return tuple(dict.fromkeys(found))
 
 
 def _assumptions(sizing: Sizing) -> tuple[str, ...]:

@@ -41,7 +41,7 @@ from stochvi.methods.monte_carlo.plan import (
     check_statistics,
     losses_of,
 )
-from stochvi.methods.monte_carlo.tabulated import (
+from stochvi.methods.monte_carlo.synthesis import (
     BLOCK_RELAXATIONS,
     BLOCK_SAMPLES,
     FOLD_FROM,
@@ -53,7 +53,6 @@ from stochvi.methods.monte_carlo.tabulated import (
     WHITE_LOSS,
     _even_fast_length,
     _filtered,
-    plan_tabulated,
 )
 from stochvi.methods.monte_carlo.white import plan_compliant, plan_white, with_linear_part_at_stops
 from stochvi.model.coverage import (
@@ -414,7 +413,6 @@ def make_plan(
         check_statistics(statistics or {}, model)
         plan = plan_several(model, speed_threshold, duration, slow_impacts)
         return replace(plan, statistics=dict(statistics or {}))
-    alone = model.single
     seconds = seconds_of_plan(model)
     if seconds > deadline.left + PATIENCE_SECONDS:
         lines = sum(len(table.frequency_hz) for table, _ in model.tables)
@@ -424,25 +422,17 @@ def make_plan(
             f"about {seconds:.2g} s, of which {deadline.left:.2g} s are left; raise budget, or "
             "give tables of fewer lines"
         )
-    # where a stop is compliant, filtered noises are tables, to which sines are added
-    giving_way = bool(model.signals) and model.noisy and not model.rigid
-    # without a spring a load accelerates the mass, and tables move it freely: modal kernels
-    loose = alone and model.restoring is None and model.omega == 0.0
-    falling = loose and (model.load != 0.0 or bool(model.tables))
-    sampled = bool(model.tables) or giving_way
-    # under tables, laws without a form are followed as a structure is, which gives accelerations
-    # too; steps under white noise follow from energies
-    if sampled:
-        several = any(stop.law.form() is None for stop in model.stops)
-    else:
-        several = bool(without_energy(model))
-    if alone and not (falling or several or model.drawn) and sampled:
-        return plan_tabulated(model, speed_threshold, duration)
-    if falling or several or model.drawn or beyond_one_oscillator(model):
+    another = model.tables or model.drawn or _one_mass_falls(model) or without_energy(model)
+    if another or beyond_one_oscillator(model):
         return plan_several(model, speed_threshold, duration, slow_impacts)
-    if not model.rigid:
-        return plan_compliant(model, speed_threshold, duration, slow_impacts)
-    return plan_white(model, speed_threshold, duration, slow_impacts, corner_share)
+    if model.rigid:
+        return plan_white(model, speed_threshold, duration, slow_impacts, corner_share)
+    return plan_compliant(model, speed_threshold, duration, slow_impacts)
+
+
+def _one_mass_falls(model: Model) -> bool:
+    """Whether a load accelerates a mass that no spring holds."""
+    return model.single and model.restoring is None and model.omega == 0.0 and model.load != 0.0
 
 
 def plan_several(

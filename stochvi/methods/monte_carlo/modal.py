@@ -358,34 +358,37 @@ class ModalPlan(SteppedPlan):
     def with_step(self, step: float) -> Self:
         """The same paths at a chosen step, s; ValueError if it is too long to detect all
         impacts."""
+        self.check_step(step)
+        return replace(self, step=step)
+
+    def check_step(self, step: float) -> None:
+        """Raise ValueError for a step, s, that is too long to detect all impacts."""
         if self.model.pairs and self._size_of_flow * step > LONGEST_FLOW:
             longest = LONGEST_FLOW / self._size_of_flow
             raise ValueError(
                 f"step must be at most {longest:.3g} s where there are stops, got {step:g} s"
             )
-        return replace(self, step=step)
 
     def shortest(self, steps: int = 2) -> ModalPlan:
         """The first steps: two are enough to have the kernels compiled."""
         return replace(self, burn_in=self.step, duration=steps * self.step)
 
     def averages(
-        self,
-        seed: int,
-        first_path: int,
-        paths: int,
-        record: NDArray[np.float64] | None = None,
-        log: Log | None = None,
-    ) -> NDArray[np.float64]:
+        self, seed: int, first_path: int, paths: int, record: Matrix | None = None,
+        log: Log | None = None, accelerations: Matrix | None = None,
+    ) -> Matrix:  # fmt: skip
         """Time averages (rows of `layout`, paths) of the paths first_path, first_path + 1, ...; a
-        `log` gets every impact."""
-        underway = ModalUnderway(self, seed, first_path, paths, record, log)
+        `log` gets every impact, and `accelerations` see `ModalTablesPlan.follow`."""
+        underway = self.begin(seed, first_path, paths, record, log, accelerations)
         underway.reach(underway.total)
         return underway.averages()
 
-    def begin(self, seed: int, first_path: int, paths: int) -> Underway:
+    def begin(
+        self, seed: int, first_path: int, paths: int, record: Matrix | None = None,
+        log: Log | None = None, accelerations: Matrix | None = None,
+    ) -> Underway:  # fmt: skip
         """The same paths before their first step."""
-        return ModalUnderway(self, seed, first_path, paths)
+        return ModalUnderway(self, seed, first_path, paths, record, log)
 
     @property
     def _rows_of_pairs(self) -> slice:
@@ -546,14 +549,20 @@ class ModalPlan(SteppedPlan):
         return found
 
     def columns(self, record: NDArray[np.float64]) -> dict[str, Vector]:
-        """Columns of one path: displacement and velocity of every coordinate, impact speeds."""
+        """Columns of one path: displacement and velocity of every coordinate, impact speeds; with
+        their owner where there are several."""
         n, shapes, found = self.modes.size, self.modes.shapes, {}
+        alone, pairs = self.model.single, self.model.pairs
         for row, name in enumerate(self.model.coordinates):
-            rest = float(shapes[row] @ self.modes.rest)
-            found[f"displacement of {name}"] = rest + record[:, 0, :n] @ shapes[row]
-            found[f"velocity of {name}"] = record[:, 0, n : 2 * n] @ shapes[row]
-        for j, pair in enumerate(self.model.pairs):
-            found[f"impact_speed of {pair.name}"] = record[:, 0, 2 * n + j]
+            of, rest = "" if alone else f" of {name}", float(shapes[row] @ self.modes.rest)
+            found[f"displacement{of}"] = rest + record[:, 0, :n] @ shapes[row]
+            found[f"velocity{of}"] = record[:, 0, n : 2 * n] @ shapes[row]
+        for j, pair in enumerate(pairs):
+            found["impact_speed" if alone else f"impact_speed of {pair.name}"] = record[
+                :, 0, 2 * n + j
+            ]
+        if alone and not pairs:
+            found["impact_speed"] = np.zeros(len(record))
         return found
 
     def record(self, seed: int, path: int) -> dict[str, Vector]:
@@ -576,7 +585,8 @@ class ModalPlan(SteppedPlan):
     ) -> Histories:
         """Settled records of the paths first_path, first_path + 1, ..."""
         record = np.zeros((self.steps, paths, self.record_width))
-        averages = self.averages(seed, first_path, paths, record, log)
+        underway = self.begin(seed, first_path, paths, record, log)
+        underway.reach(underway.total)
         n, shapes = self.modes.size, self.modes.shapes
         kept = record[self.settling : self.settling + samples]
         rest = shapes @ self.modes.rest
@@ -586,8 +596,8 @@ class ModalPlan(SteppedPlan):
             impact_speed=np.ascontiguousarray(
                 kept[:, :, 2 * n : 2 * n + len(self.model.pairs)].transpose(2, 1, 0)
             ),
-            excitation=None,
-            lost=losses_of(self.model, self.layout, averages, self.steps * self.step),
+            excitation=underway.excitation() if self.excitation_known else None,
+            lost=losses_of(self.model, self.layout, underway.averages(), self.steps * self.step),
         )
 
     def drive(self, seed: int, path: int, samples: int, integrals: int) -> Matrix | None:
@@ -1069,11 +1079,14 @@ def basis(
 def check_number_of_steps(step: float, burn_in: float, length: float) -> None:
     """Raise NotApplicable where a path has too many steps; all in s."""
     if burn_in + length > MOST_MODAL_STEPS * step:
+        why = "the times in which the scene hits, swings and settles lie too far apart"
+        if (1.0 + DURATION) * burn_in <= MOST_MODAL_STEPS * step:
+            why = "give a shorter duration and more paths"
         raise NotApplicable(
             "simulate",
             [f"a path needs {(burn_in + length) / step:.2g} steps ({burn_in:.2g} s of burn-in and "
              f"{length:.2g} s, in steps of {step:.2g} s), at most {MOST_MODAL_STEPS:.2g} are made: "
-             "the times in which the scene hits, swings and settles lie too far apart"],
+             f"{why}"],
         )  # fmt: skip
 
 

@@ -1,10 +1,9 @@
-"""Structures of several modes by records, and with compliant stops. Chapters: forces drawn for a
-whole record (shocks, fast peaks); compliant stops under white noise; tabulated noise."""
+"""Structures with compliant stops, and under synthesised records. Chapters: compliant stops under
+white noise; tabulated noise."""
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -26,7 +25,6 @@ from stochvi.mathematics.spectra import (
     covariance,
     eigenvalues,
 )
-from stochvi.mathematics.unsteady_noise import FastPeaks, PeakedRecords, UnreachableKurtosis
 from stochvi.methods.monte_carlo.kernels.modes import (
     Largest,
     Outputs,
@@ -48,7 +46,7 @@ from stochvi.methods.monte_carlo.modal import (
     basis,
 )
 from stochvi.methods.monte_carlo.plan import Key, Underway, gap_of
-from stochvi.methods.monte_carlo.tabulated import (
+from stochvi.methods.monte_carlo.synthesis import (
     BIN_ERROR,
     BLOCK_RELAXATIONS,
     FOLD_FROM,
@@ -61,8 +59,10 @@ from stochvi.methods.monte_carlo.tabulated import (
     MOST_SUB_STEPS,
     SAMPLES_PER_PERIOD,
     WARM_UP_RELAXATIONS,
+    BlockForce,
     _even_fast_length,
     expected_of_free_motion,
+    force_of,
     levels_of_block,
     rate_on_stops,
 )
@@ -72,116 +72,7 @@ from stochvi.model.modal import UNSTABLE, ModalForm
 from stochvi.model.model import UPPER, Model, Pair, Stop
 from stochvi.model.scales import PairScale, Scales, scales_of
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.excitations.drawn import Pulses
 from stochvi.scenes.impact_laws import CompliantLaw
-
-# ------------------------------------------------------------------------------
-# Forces that are drawn for a whole block of a simulated record, in the frequency domain: shocks at
-# random times, and noise with fast peaks.
-#
-# The times of shocks are those of a Poisson process in a block, which repeats. Each is put on the
-# samples with the weights of a cubic B-spline, whose transform is taken out again. So the force is
-# that of shocks between samples up to the share (f / (r - f))^4 of frequencies f that are folded at
-# the sampling rate r: 8e-6 at 20 samples in a period.
-#
-# Noise with fast peaks has a sampling of its own, by its own band: its peaks do not depend on how
-# finely the structure is sampled, which takes of it what it responds to.
-# ------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class BlockForce(ABC):
-    """A force in blocks of `samples` at an interval of `step` seconds."""
-
-    samples: int
-    step: float
-
-    def bins(self, seed: tuple[int, int], first_path: int, paths: int, number: int) -> Waves:
-        """The force in block `number` of the paths first_path, first_path + 1, ...: its transform
-        (samples // 2 + 1, paths), N, or m/s^2 of the base.
-
-        `seed` is that of the paths, and the number of the excitation.
-        """
-        streams = [(first_path + path) * MOST_BLOCKS + number for path in range(paths)]
-        random = [np.random.default_rng([*seed, stream]) for stream in streams]
-        return np.stack([self._bins(each) for each in random], axis=1)
-
-    @abstractmethod
-    def _bins(self, random: np.random.Generator) -> Waves:
-        """The transform (samples // 2 + 1,) of one path."""
-
-
-@dataclass(frozen=True, eq=False)
-class ForceOfShocks(BlockForce):
-    """Shocks at random times."""
-
-    pulses: Pulses
-
-    def _bins(self, random: np.random.Generator) -> Waves:
-        weights = np.zeros(self.samples)
-        count = random.poisson(self.pulses.rate * self.samples * self.step)
-        times = random.uniform(0.0, self.samples, count)
-        sizes = self.pulses.drawn_sizes(count, random)
-        first = np.floor(times).astype(int)
-        for knot, weight in enumerate(_cubic(times - first)):
-            np.add.at(weights, (first - 1 + knot) % self.samples, sizes * weight)
-        return np.asarray(self._filter * scipy.fft.rfft(weights))
-
-    @cached_property
-    def _filter(self) -> Waves:
-        """The force of a shock in the bins over the weights of its time."""
-        assert self.pulses.shock is not None
-        frequency = np.arange(self.samples // 2 + 1) / (self.samples * self.step)
-        transform = self.pulses.size * self.pulses.shock.transform(2.0 * np.pi * frequency)
-        return np.asarray(transform / (self.step * np.sinc(frequency * self.step) ** 4))
-
-
-@dataclass(frozen=True, eq=False)
-class ForceOfPeaks(BlockForce):
-    """Noise with fast peaks."""
-
-    peaks: FastPeaks
-
-    def _bins(self, random: np.random.Generator) -> Waves:
-        records, found = self._records, np.zeros(self.samples // 2 + 1, complex)
-        bins = self.samples / records.samples * records.bins(random, 1)[:, 0]
-        kept = min(len(bins), len(found))
-        found[:kept] = bins[:kept]
-        return found
-
-    @cached_property
-    def _records(self) -> PeakedRecords:
-        return self.peaks.over(self.samples * self.step)
-
-
-def force_of(excitation: Pulses | FastPeaks, samples: int, step: float) -> BlockForce:
-    """What draws an excitation in blocks of so many samples at an interval, s.
-
-    Raises
-    ------
-    NotApplicable
-        If noise of its density cannot have the kurtosis.
-    """
-    if isinstance(excitation, Pulses):
-        return ForceOfShocks(samples, step, excitation)
-    try:
-        excitation.cubic  # noqa: B018
-    except UnreachableKurtosis as reason:
-        raise NotApplicable("simulate", [str(reason)]) from reason
-    return ForceOfPeaks(samples, step, excitation)
-
-
-def _cubic(share: Vector) -> tuple[Vector, Vector, Vector, Vector]:
-    """Weights of a cubic B-spline at the sample before, at the two around and at the one after a
-    time that lies a share of a step beyond a sample."""
-    rest = 1.0 - share
-    return (
-        rest**3 / 6.0,
-        2.0 / 3.0 - share**2 + share**3 / 2.0,
-        2.0 / 3.0 - rest**2 + rest**3 / 2.0,
-        share**3 / 6.0,
-    )
-
 
 # ------------------------------------------------------------------------------
 # Structures of several modes with compliant stops: the plan.
@@ -300,9 +191,7 @@ def check_stiffness(plan: ModalContactsPlan) -> None:
 # The response to the tables without stops is synthesised: a periodic Gaussian signal of all modes
 # at once. It is a sum over bins of width 1 / length with common coefficients, each mode through its
 # own H (see `spectra.bin_amplitudes`). The changes by impacts and contacts are added step by step,
-# as is the response to white noise (kicks) and signals (states). These are exact over a step. As
-# for one oscillator (`tabulated`), bins up to half the sampling rate are synthesised. The last
-# quarter of them is scaled up to hold the velocity variance beyond.
+# as is the response to white noise (kicks) and signals (states). These are exact over a step.
 # ------------------------------------------------------------------------------
 
 
@@ -359,7 +248,7 @@ class ModalTablesPlan(ModalContactsPlan):
 
     @property
     def _counted_of_block(self) -> int:
-        # as in `TabulatedPlan`: a level jumps before the sample from which the warm-up begins
+        # a level jumps before the sample from which the warm-up begins
         most = self.samples - (1 + self._burn_in_steps if self.model.level is not None else 0)
         return max(1, min(most, round(self.duration / self.blocks / self.step)))
 
@@ -380,6 +269,7 @@ class ModalTablesPlan(ModalContactsPlan):
     def with_step(self, step: float) -> Self:
         """Paths at a chosen sampling interval, s; bins that both plans have keep their
         amplitudes."""
+        self.check_step(step)
         return self._with_samples(_even_fast_length(self.block_length / step))
 
     def with_block(self, length: float) -> Self:
@@ -425,24 +315,18 @@ class ModalTablesPlan(ModalContactsPlan):
             burn_in=self.step, duration=2.0 * self.step,
         )  # fmt: skip
 
-    def averages(
-        self,
-        seed: int,
-        first_path: int,
-        paths: int,
-        record: NDArray[np.float64] | None = None,
-        log: Log | None = None,
-        accelerations: NDArray[np.float64] | None = None,
-    ) -> NDArray[np.float64]:
-        """Time averages (rows of `layout`, paths) of the paths first_path, first_path + 1, ...; a
-        `log` gets every impact, and `accelerations` see `follow`."""
-        underway = ModalTablesUnderway(self, seed, first_path, paths, record, log, accelerations)
-        underway.reach(underway.total)
-        return underway.averages()
+    def begin(
+        self, seed: int, first_path: int, paths: int, record: Matrix | None = None,
+        log: Log | None = None, accelerations: Matrix | None = None,
+    ) -> Underway:  # fmt: skip
+        """The same paths before their first sample; `accelerations` see `follow`."""
+        return ModalTablesUnderway(self, seed, first_path, paths, record, log, accelerations)
 
-    def begin(self, seed: int, first_path: int, paths: int) -> Underway:
-        """The same paths before their first sample."""
-        return ModalTablesUnderway(self, seed, first_path, paths)
+    @property
+    def excitation_known(self) -> bool:  # type: ignore[override]
+        """Whether histories hold the excitation: that of one mass which is synthesised as a
+        whole."""
+        return self.modes.size == 1 and not (self._unknown_noise or self.modes.sines)
 
     def cut(self, steps: int) -> Self:
         """The plan whose paths end after so many counted samples."""
@@ -644,27 +528,28 @@ class ModalTablesPlan(ModalContactsPlan):
         return Largest(rows=rows, table=accelerations)
 
     def drive(self, seed: int, path: int, samples: int, integrals: int) -> Matrix | None:
-        """Forces of tables and sines (coordinates, samples), N; of other noise they are not kept.
-
-        Bin by bin, the modal forces are (omega^2 - w^2 + i w B) q.
-        """
+        """Forces of tables and sines (coordinates, samples), N; of other noise they are not
+        kept."""
         if self._unknown_noise:
             return None
-        modes = self.modes
-        bins = scipy.fft.rfft(self.free_response(seed, path, 1, 0)[:, : modes.size, 0], axis=0)
-        w = 2.0 * np.pi / self.block_length * np.arange(1, len(bins))[:, None]
-        forces = np.zeros_like(bins)
-        if not integrals:
-            forces[0] = modes.squares * bins[0]
-        forces[1:] = (modes.squares - w**2) * bins[1:] + 1j * w * (bins[1:] @ modes.damping.T)
-        forces[1:] /= (1j * w) ** integrals
-        found = (
-            self.model.mass
-            @ modes.shapes
-            @ scipy.fft.irfft(forces, self.samples, axis=0)[:samples].T
-        )
+        (force,) = self._forces_of(self.free_response(seed, path, 1, 0), integrals)
+        found = self.model.mass @ self.modes.shapes @ force[:samples].T
         start = self.start(_streams(seed, path, 1, MOST_BLOCKS - 1))
         return np.asarray(found + self._sines(start, self._burn_in_steps, samples, integrals))
+
+    def _forces_of(self, free: NDArray[np.float64], integrals: int = 0) -> NDArray[np.float64]:
+        """Modal forces (paths, samples, modes) that move a free response, integrated over time:
+        bin by bin (omega^2 - w^2 + i w B) q."""
+        modes = self.modes
+        bins = scipy.fft.rfft(free[:, : modes.size, 0::2].transpose(2, 0, 1), axis=1)
+        w = self._bin_frequency * np.arange(1, bins.shape[1])[:, None]
+        forces = np.zeros_like(bins)
+        if not integrals:
+            forces[:, 0] = modes.squares * bins[:, 0]
+        forces[:, 1:] = (modes.squares - w**2) * bins[:, 1:]
+        forces[:, 1:] += 1j * w * np.einsum("pbm,km->pbk", bins[:, 1:], modes.damping)
+        forces[:, 1:] /= (1j * w) ** integrals
+        return np.asarray(scipy.fft.irfft(forces, self.samples, axis=1))
 
     def start(self, streams: NDArray[np.uint64]) -> Matrix:
         """Draw the initial states of the signals. Displacements and velocities begin at zero, since
@@ -851,6 +736,11 @@ class ModalTablesUnderway(Underway):
         plan, (whole, part) = self.plan, divmod(self.counted, self.each)
         samples = whole * math.ceil(self.each / plan._stride) + math.ceil(part / plan._stride)
         return plan._physical(plan._averaged(self.sums + self.of_block, samples, self.counted))
+
+    def excitation(self) -> Matrix:
+        """Force on one mass over that mass in the last block, (paths, samples)."""
+        plan = self.plan
+        return np.asarray(plan.modes.shapes[0, 0] * plan._forces_of(self.free)[:, : self.each, 0])
 
 
 class SynthesisedFlight(Flight):

@@ -793,6 +793,10 @@ class Underway(ABC):
     def averages(self) -> Records:
         """Time averages over the counted steps so far, as `Plan.averages` gives them."""
 
+    def excitation(self) -> Records:
+        """The excitation of `Histories`, of plans that know it."""
+        raise NotImplementedError
+
 
 @dataclass(frozen=True, kw_only=True)
 class SteppedPlan:
@@ -841,12 +845,9 @@ class SteppedPlan:
 
 
 def layout_of_one(
-    model: Model,
-    origin: float,
-    threshold: float,
-    sums_of_contacts: tuple[str, ...] = (),
-    controls: Mapping[str, float] | None = None,
-) -> Layout:
+    model: Model, origin: float, threshold: float, sums_of_contacts: tuple[str, ...],
+    controls: Mapping[str, float],
+) -> Layout:  # fmt: skip
     """Layout of one oscillator: moments of x from `origin`, sums over impacts, the named sums over
     contacts with compliant stops, and controls by name with their expected values."""
     (name,) = model.coordinates
@@ -854,13 +855,11 @@ def layout_of_one(
     rows = [(name, "x"), (name, "xx"), (name, "vv")]
     rows += [(pair, f"{sum_}_{side}") for side in ("lower", "upper") for sum_ in ("n", "f1", "f2")]
     rows += [(pair, sum_) for sum_ in sums_of_contacts]
-    expected = {("", what): value for what, value in (controls or {}).items()}
+    expected = {("", what): value for what, value in controls.items()}
     return Layout(
-        rows=(*rows, *expected),
-        origins={name: origin},
-        thresholds={pair: threshold},
+        rows=(*rows, *expected), origins={name: origin}, thresholds={pair: threshold},
         controls=expected,
-    )
+    )  # fmt: skip
 
 
 def losses_of(model: Model, layout: Layout, averages: Records, duration: float) -> Records:

@@ -16,7 +16,7 @@ from scipy.special import ndtr
 from stochvi.engine.arithmetic import ENDED, IMPULSE, LOSS, NO_LOG, NO_RECORD, PEAK, TIME, Log
 from stochvi.engine.calls import Stops, functions_of, stops_of
 from stochvi.engine.laws import ScatteredRestitution
-from stochvi.engine.one_mass import NOTHING_KNOWN, Complete, MassStops, complete_contacts
+from stochvi.engine.one_mass import Complete, MassStops, complete_contacts
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, TruncatedNormal, gaussian_stop
 from stochvi.mathematics.numerics import Vector, root_between
 from stochvi.methods.monte_carlo.kernels.flight import (
@@ -729,15 +729,12 @@ class StopsOfMass:
         Rms speed of the mass, m/s.
     longest
         Longest step, s, within which contacts are read from tables.
-    shaken
-        Whether noise acts in a step: contacts are then followed, none is read.
     """
 
     laws: Mapping[int, tuple[float, Any]]
     stiffness: float
     speed: float
     longest: float
-    shaken: bool = False
 
     @property
     def for_kernel(self) -> MassStops:
@@ -746,7 +743,7 @@ class StopsOfMass:
         return MassStops(
             places=stops.places[0], kinds=stops.kinds[0], rigid=stops.rigid[0],
             lossy=stops.lossy[0], numbers=stops.numbers,
-            laws=functions_of(classes, mass=not self.shaken, shaken=self.shaken),
+            laws=functions_of(classes, mass=True),
             complete=self._complete,
         )  # fmt: skip
 
@@ -760,23 +757,19 @@ class StopsOfMass:
 
     @cached_property
     def _complete(self) -> Complete:
-        if self.shaken:
-            return NOTHING_KNOWN
         stops, classes = self._stops
         functions = functions_of(classes, mass=True)
         return complete_contacts(stops, functions, self.stiffness, self.speed, self.longest)
 
 
-def stops_of_mass(model: Model, speed: float, longest: float, shaken: bool = False) -> StopsOfMass:
+def stops_of_mass(model: Model, speed: float, longest: float) -> StopsOfMass:
     """The stops of a model of one oscillator, for the rms speed, m/s, and steps of at most
     `longest` s; see `StopsOfMass`."""
     laws = {
         int(stop.side == UPPER): (stop.position - model.rest, stop.law.compiled())
         for stop in model.stops_per_unit_mass
     }
-    return StopsOfMass(
-        laws=laws, stiffness=model.omega**2, speed=speed, longest=longest, shaken=shaken
-    )
+    return StopsOfMass(laws=laws, stiffness=model.omega**2, speed=speed, longest=longest)
 
 
 # ------------------------------------------------------------------------------

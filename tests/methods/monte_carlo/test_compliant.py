@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from stochvi import ForceTable, Matrices, Oscillator, Response, check, simulate
 from stochvi.engine.arithmetic import ENDED, IMPULSE, LOSS, PEAK, TIME
 from stochvi.engine.laws import Hertz as CompiledHertz
-from stochvi.engine.sub_steps import CONTACT_ERROR, KINK_ERROR, Shaken, Swing, sub_step
+from stochvi.engine.sub_steps import CONTACT_ERROR, Swing, sub_step
 from stochvi.methods.closed_form import displacement_density, exact
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo.choose_plan import make_plan
@@ -224,16 +224,13 @@ def test_a_free_contact_is_that_of_the_contact_formulas(law: Law, parts: int) ->
     assert found[LOSS] == pytest.approx(lost, abs=near * SPEED**2)
 
 
-@pytest.mark.parametrize(
-    "motion", [Swing(0.3, 1.0), Shaken(0.4, 3.0, -2.0, 1.0, 1.0, 0.1, 0.0)], ids=["swing", "shaken"]
-)
-def test_sub_steps_are_of_fourth_order(motion: Swing | Shaken) -> None:
-    law = CompiledHertz(100.0)
+def test_sub_steps_are_of_fourth_order() -> None:
+    motion, law = Swing(0.3, 1.0), CompiledHertz(100.0)
 
     def end(steps: int) -> np.ndarray:
         y, v, h = 0.01, 1.0, 0.2 / steps
-        for step in range(steps):
-            y, v, _, _ = sub_step(motion, law, 1.0, step * h, y, v, h)
+        for _ in range(steps):
+            y, v, _, _ = sub_step(motion, law, 1.0, y, v, h)
         return np.array([y, v])
 
     truth = end(1024)
@@ -899,7 +896,7 @@ def test_a_path_is_that_of_brute_force(scene: Scene) -> None:
     assert min(touched) > 100
     size = np.abs(brute).max(axis=0)
     # what a sub-step leaves of a contact whose force has kinks, over several of them
-    tolerance = 3.0 * KINK_ERROR
+    tolerance = 3.0 * 6e-4
     np.testing.assert_allclose(
         record[:count, 0, : 2 * n] / size, brute / size, rtol=0, atol=tolerance
     )

@@ -89,7 +89,7 @@ def quantities(plan: Plan):
 )
 def test_controls_have_the_values_that_are_expected_of_them(case: tuple) -> None:
     plan, averages = paths_of(*case)
-    assert len(plan.layout.controls) == 2 + 3 * len(plan.model.stops)
+    assert len(plan.layout.controls) == 2 + 3 * len(plan.model.stops) + 2 * plan.kicked
     for key, expected in plan.layout.controls.items():
         sample = averages[plan.layout.rows.index(key)]
         error = sample.std(ddof=1) / np.sqrt(len(sample))

@@ -45,20 +45,19 @@ from stochvi.mathematics.spectra import (
     step_covariance,
 )
 from stochvi.mathematics.units import STANDARD_GRAVITY
-from stochvi.methods.monte_carlo import record_path
-from stochvi.methods.monte_carlo.choose_plan import make_plan
+from stochvi.methods.monte_carlo import record_path, simulation
+from stochvi.methods.monte_carlo.choose_plan import make_plan, with_tables
 from stochvi.methods.monte_carlo.kernels.modes import matrix_passes
 from stochvi.methods.monte_carlo.kernels.random_numbers import LANES, ROW, aligned_rows, words_of
 from stochvi.methods.monte_carlo.modal import _table, plan_modal
-from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.methods.monte_carlo.plan import PathStatistics, of_coordinate, of_pair
 from stochvi.methods.monte_carlo.simulation import BETWEEN_IMPACTS
-from stochvi.methods.monte_carlo.tabulated import LARGEST_LOSS, TabulatedPlan
+from stochvi.methods.monte_carlo.synthesis import LARGEST_LOSS
 from stochvi.model.build_response import residuals
 from stochvi.model.gap import Gap, GibbsLaw
 from stochvi.model.modal import linear_law
 from stochvi.model.model import model_of
-from stochvi.scenes import Beam, Hertz, Modes
+from stochvi.scenes import Beam, Modes
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Law
@@ -162,13 +161,13 @@ def test_a_path_equals_that_of_the_engine_for_one_oscillator() -> None:
     # the start of the other is another: from the first state of this one, by its plain twin
     start = -(-len(plan.law.covariance) // 2) * 2
     x, v, hits = kick_flow_kick(
-        ours["displacement of x"][0], ours["velocity of x"][0],
+        ours["displacement"][0], ours["velocity"][0],
         normals(3, 5, start + plan.steps)[start + 1 :], 0.1, 1.0, 0.1, 0.2,
         [(-0.6, 0.8, -1.0), (0.8, 0.8, 1.0)],
     )  # fmt: skip
     assert len(hits) > 3
-    np.testing.assert_allclose(ours["displacement of x"][1:], x, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(ours["velocity of x"][1:], v, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(ours["displacement"][1:], x, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(ours["velocity"][1:], v, rtol=0, atol=1e-5)
     # the twin, and the paths that move together, begin a step later
     timed = np.array([(when, side * w) for side, w, when in hits])
     events = one_by_one.events[: one_by_one.count[0]]
@@ -816,36 +815,7 @@ def test_without_stops_the_variances_are_exact(white: bool) -> None:
         assert_agrees(residual, 0.0)
 
 
-# ---- one oscillator, by the engine of its own -------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "law",
-    [Restitution(coefficient=0.5), SOFT.per_unit_mass(4.0), Hertz(coefficient=1e6)],
-    ids=["rigid", "viscoelastic", "Hertz"],
-)
-def test_paths_are_those_of_the_engine_for_one_oscillator(law: Law) -> None:
-    """The same free responses, impacts by other kernels: one takes the whole motion between two
-    samples for a cubic, the other the response to the table alone."""
-    ours = plan_modal_tables(model_of(mount(law, matrices=True)), 0.0, 10.0)
-    other = make_plan(model_of(mount(law, matrices=False)), 0.0, 10.0)
-    assert isinstance(other, TabulatedPlan)
-    assert (ours.samples, ours.block_length) == (other.samples, pytest.approx(other.block_length))
-    ours = replace(ours, burn_in=other.warm_up)
-    found = ours.averages(1, 0, 8)
-    rows = other.layout.rows
-    sums = np.zeros((len(rows), 8))
-    free = ours.free_response(1, 0, 8, 0)[:, 0].copy()
-    other.add_impacts(free, other.warm_up_samples, other._counted_samples, sums)
-    sums /= other.duration
-    compared = 0
-    for row, key in enumerate(ours.layout.rows):
-        if key[0] == "stops":
-            twin = sums[rows.index(key)]
-            np.testing.assert_allclose(found[row], twin, rtol=0, atol=2e-3 * np.abs(twin).max())
-            compared += 1
-            assert np.any(twin > 0.0) or "loss" in key[1]
-    assert compared == (6 if law.rigid else 16)
+# ---- what comes with a table ------------------------------------------------------------------
 
 
 COMPANY = {
@@ -856,23 +826,15 @@ COMPANY = {
 
 
 @pytest.mark.parametrize("more", COMPANY.values(), ids=COMPANY.keys())
-def test_what_comes_with_a_table_is_a_state(more: object) -> None:
-    """There it is synthesised as a table of its own; here it is kicked, or a state."""
-    law = Restitution(coefficient=0.7)
-    scene = mount(law, False, (more,))
-    # a second pair, beyond reach, makes it a scene for the modal engine
-    out_of_reach = ImpactPair(name="far", on="x", upper=0.1, law=Restitution(coefficient=1.0))
-    by_modes = scene.model_copy(update={"impact_pairs": (*scene.impact_pairs, out_of_reach)})
-    ours, other = (
-        simulate(each, paths=96, duration=20.0, seed=seed)
-        for seed, each in ((6, by_modes), (5, scene))
-    )
-    twin = other.estimates()
+def test_what_comes_with_a_table_is_a_state(more: object, monkeypatch) -> None:
+    """It is kicked, or a state; beside it, it is synthesised as a table of its own."""
+    scene = mount(Restitution(coefficient=0.7), False, (more,))
+    ours = simulate(scene, paths=96, duration=20.0, seed=6)
+    monkeypatch.setattr(simulation, "model_of", lambda each: with_tables(model_of(each)))
+    twin = simulate(scene, paths=96, duration=20.0, seed=5).estimates()
     for key, estimate in ours.estimates().items():
         if key in twin and estimate.bias is not None and twin[key].bias is not None:
             assert_agrees(apart(estimate, twin[key]), 0.0)
-    assert any("modal" in each for each in ours.assumptions)
-    assert not any("modal" in each for each in other.assumptions)
     for residual in ours.identities.values():
         assert_agrees(residual, 0.0)
 

@@ -46,7 +46,7 @@ from stochvi.mathematics.spectra import FilteredChange
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal_tables import _streams
-from stochvi.methods.monte_carlo.tabulated import MOST_BLOCKS
+from stochvi.methods.monte_carlo.synthesis import MOST_BLOCKS
 from stochvi.model.model import model_of
 from stochvi.scenes import Modulation, Sine
 from stochvi.testing import assert_agrees
@@ -658,7 +658,7 @@ def test_a_path_between_stops_under_a_sine_is_that_of_its_equation() -> None:
         finer = replace(plan.with_step(end / steps), duration=end)
         record = np.zeros((finer.steps, 1, finer.record_width))
         finer.averages(3, 0, 1, record)
-        found = finer.columns(record)["displacement of x"][steps // 240 - 1 :: steps // 240]
+        found = finer.columns(record)["displacement"][steps // 240 - 1 :: steps // 240]
         errors.append(np.abs(found - known))
     assert len(hits) > 4 and before.sum() > 50
     fine, coarse = errors[1][before].max(), errors[0][before].max()

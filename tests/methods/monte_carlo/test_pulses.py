@@ -192,7 +192,7 @@ def test_a_path_is_that_of_its_plain_twin(sizes: Any, merged: bool) -> None:
         v += after / M - pulses.mean * h / (2.0 * M)
         known.append(x)
         met += abs(before) + abs(after)
-    found = plan.record(4, 2)["displacement of x"]
+    found = plan.record(4, 2)["displacement"]
     assert met > 10.0 * pulses.impulse
     np.testing.assert_allclose(found, known, atol=1e-12)
 

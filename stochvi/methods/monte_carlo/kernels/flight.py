@@ -10,15 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.engine.arithmetic import (
-    EXTREMES,
-    FASTEST,
-    FORCE_SQUARE,
-    LOSS,
     MOST_BOUNCES,
-    POSITION_FORCE,
     RESTING,
     ROWS_OF_STOP,
-    SHARPEST,
     log_impact,
     page_after,
     page_of,
@@ -39,8 +33,7 @@ from stochvi.methods.monte_carlo.kernels.random_numbers import (
 # ------------------------------------------------------------------------------
 # Rows of the tables of sums that the kernels fill, for one oscillator and for pairs of stops.
 #
-# Kernels use the numbers of the rows; `Sums` and `Extremes` read the tables by name. All quantities
-# are per unit mass.
+# All quantities are per unit mass.
 # ------------------------------------------------------------------------------
 
 
@@ -56,76 +49,6 @@ CONTACT_UPPER = SUMS + ROWS_OF_STOP
 CONTACT_SUMS = SUMS + 2 * ROWS_OF_STOP
 """Rows of one oscillator with compliant stops: those of rigid stops, then those of the contacts
 with the lower stop, and with the upper stop."""
-
-NO_EXTREMES = np.empty((0, EXTREMES))
-"""The extremes of a kernel whose extremes nobody asks for."""
-
-
-class Sums(NamedTuple):
-    """A table (rows, paths) of sums or averages of one oscillator, read by name."""
-
-    table: NDArray[np.float64]
-
-    @classmethod
-    def zeros(cls, paths: int, contacts: bool) -> Sums:
-        """Sums of that number of paths before the first step."""
-        return cls(np.zeros((CONTACT_SUMS if contacts else SUMS, paths)))
-
-    @property
-    def displacement_square(self) -> Vector:
-        """x^2, m^2."""
-        return self.table[XX]
-
-    @property
-    def velocity_square(self) -> Vector:
-        """v^2, m^2/s^2."""
-        return self.table[VV]
-
-    @property
-    def impacts(self) -> Vector:
-        """Number of impacts on both stops that are at least as fast as the threshold."""
-        return self.table[N_LOWER] + self.table[N_UPPER]
-
-    @property
-    def impact_speeds(self) -> Vector:
-        """Sum of the speeds of all impacts on both stops, m/s."""
-        return self.table[F1_LOWER] + self.table[F1_UPPER]
-
-    @property
-    def contact_loss(self) -> Vector:
-        """Energy dissipated by contacts with both stops, J/kg."""
-        return self.table[CONTACT_LOWER + LOSS] + self.table[CONTACT_UPPER + LOSS]
-
-
-class Extremes(NamedTuple):
-    """A table (paths, EXTREMES) of the extremes of paths, read by name."""
-
-    table: NDArray[np.float64]
-
-    @classmethod
-    def zeros(cls, paths: int) -> Extremes:
-        """Extremes of that number of paths before the first step."""
-        return cls(np.zeros((paths, EXTREMES)))
-
-    @property
-    def impact_speed(self) -> Vector:
-        """Largest impact speed, m/s."""
-        return self.table[:, FASTEST]
-
-    @property
-    def acceleration(self) -> Vector:
-        """Largest absolute acceleration, m/s^2."""
-        return self.table[:, SHARPEST]
-
-    @property
-    def force_square(self) -> Vector:
-        """Integral of the square of the force of the stops per unit mass, m^2/s^3."""
-        return self.table[:, FORCE_SQUARE]
-
-    @property
-    def position_force(self) -> Vector:
-        """Integral of displacement times force of the stops per unit mass, m^2/s."""
-        return self.table[:, POSITION_FORCE]
 
 
 # ------------------------------------------------------------------------------
@@ -293,28 +216,6 @@ class Counting(NamedTuple):
     stride: int
     origin: float
     threshold: float
-
-
-class Sampling(NamedTuple):
-    """How a response is sampled, and the oscillator that adds impacts to it.
-
-    Parameters
-    ----------
-    span : s, the sampling interval.
-    omega, damping_rate : w0 (rad/s) and b (1/s).
-    threshold : m/s, speed of the slowest impact that is counted.
-    scale : m/s, the rms speed; slower rebounds than `arithmetic.RESTING` times it rest on the stop.
-    first, last : number of the first sample, and of the one after the last. Samples with negative
-        numbers stand at the end of the period, and are not counted.
-    """
-
-    span: float
-    omega: float
-    damping_rate: float
-    threshold: float
-    scale: float
-    first: int
-    last: int
 
 
 # ------------------------------------------------------------------------------
