@@ -198,7 +198,7 @@ def identify(
 # ------------------------------------------------------------------------------
 
 
-@declare("isolators.screening:screen", "budget, json, out, quiet")
+@declare("isolators.screening:screen", "budget, json, out, quiet, verbose")
 def screen(question: Question) -> Show:
     """Find the motion without stops: rms, 3 sigma, Rice."""
 
@@ -208,7 +208,7 @@ def screen(question: Question) -> Show:
     return show
 
 
-@command("kept budget, seed, threads, json, out, quiet")
+@command("kept budget, seed, threads, json, out, quiet, verbose")
 def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
     """Find impact rates against clearance.
 
@@ -247,7 +247,6 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
     places = np.transpose([lengths("--gaps", gaps, plain=std) for std in stds.values()])
     places = places.reshape(-1, len(stds))
     unseen: list[str] = []
-    options.say(record_told(record))
 
     def simulated() -> DataFrame:
         with options.progress("clearance") as report:
@@ -263,7 +262,7 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
             "notes": notes,
             "record": plain(record),
         }
-        options.tell(document, lambda: [curve_told(curve, notes)])
+        options.tell(document, lambda: [record_told(record), curve_told(curve, notes)])
         if options.out is not None:
             write_clearance(curve, predicted_curve(loaded, curve), loaded.title, options.out)
 
@@ -399,7 +398,7 @@ def perturbations(question: Question) -> None:
 # ------------------------------------------------------------------------------
 
 
-@declare("methods.replay:replay", "seed, budget, threads, json, out, force, quiet")
+@declare("methods.replay:replay", "seed, budget, threads, json, out, force, quiet, verbose")
 def replay(question: Question) -> Show:
     """Pass a measured record through the mount and its stops.
 

@@ -255,7 +255,8 @@ def impacts(question: Question) -> Show:
 
 
 @declare(
-    "statistics.damage:damage", SAMPLED.replace("open", "kept"), progress="damage", judged=True,
+    "statistics.damage:damage", f"{SAMPLED.replace('open', 'kept')}, verbose", progress="damage",
+    judged=True,
     fails=lambda found: found.unseen_in_words if found.unseen else "",
 )  # fmt: skip
 def damage(question: Question) -> None:
@@ -323,7 +324,8 @@ def history(question: Question) -> Show:
 
 
 @declare(
-    "statistics.reliability:reliability", "kept budget, seed, threads, json, out, force, quiet",
+    "statistics.reliability:reliability",
+    "kept budget, seed, threads, json, out, force, quiet, verbose",
     progress="reliability", judged=True,
 )  # fmt: skip
 def reliability(question: Question) -> Show:
@@ -391,8 +393,8 @@ def reliability(question: Question) -> Show:
     def show(answer: Reliability) -> None:
         units = [units_of(answer)] if spreads else []
         more = {"production": units[0].to_dict()} if units else {}
-        question.show(answer, lambda: beside(*units), document=lambda own: own | more)
-        options.say(*map(production_told, units))
+        own = [production_told(each) for each in units]
+        question.show(answer, lambda: beside(*units), document=lambda found: found | more, more=own)
 
     def beside(units: Production | None = None) -> dict[str, Any]:
         from stochvi.isolators.screening import scene_at_rest

@@ -9,6 +9,7 @@ import hashlib
 import math
 import os
 import re
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, fields, replace
@@ -171,17 +172,18 @@ class Common:
     def show(
         self, found: Any, scene: Scene | None = None, *,
         document: Callable[[dict[str, Any]], dict[str, Any]] = lambda own: own,
-        verdict: tuple[RecordVerdict | None, str] = (None, ""), **words: Any,
+        verdict: tuple[RecordVerdict | None, str] = (None, ""), more: Sequence[Told] = (),
+        **words: Any,
     ) -> None:  # fmt: skip
         """Show an answer as the options ask: its JSON document, what is told of it, its tables and
         its picture under the title of the scene. `document` changes the document of the answer
-        alone, and `words` are for its description alone."""
+        alone, and `words` are for its description alone; `more` descriptions stand behind it."""
         from stochvi.views.files import write_table
         from stochvi.views.pictures import view_of
 
         view = view_of(found)
         known = {} if self.json_file is None else document(found.to_dict())
-        self.tell(known, lambda: [view.tell(found, **words)], *verdict)
+        self.tell(known, lambda: [view.tell(found, **words), *more], *verdict)
         if self.out is None:
             return
         for name, table in view.files(found).items():
@@ -212,31 +214,38 @@ class Common:
                 write_json({**document, **verdict}, self.json_file)
         finally:  # a disk that is full costs the file, not the answer
             if not self.quiet:
+                judged = []
                 if record is not None:
                     from stochvi.views.isolator_tables import record_told
 
-                    self.say(record_told(record, where))
-                self.say(*told())
+                    judged = [record_told(record, where)]
+                self.say(*judged, *told())
 
     def say(self, *told: Told) -> None:
-        """Print descriptions, unless --quiet is given, and behind a brief one what comes next."""
+        """Print descriptions, unless --quiet is given, and behind brief ones what comes next."""
         from stochvi.views.pages import print_told
 
         for each in () if self.quiet else told:
             print_told(self.console, each, self.verbose)
-            if each.brief:
-                self._say_what_comes_next(self.console)
+        if not self.quiet and any(each.brief for each in told):
+            self._say_what_comes_next(next((each.next for each in told if each.next), ()))
 
-    def _say_what_comes_next(self, console: Console) -> None:
-        """Name the way to the evidence of a brief answer, and to its page."""
+    def _say_what_comes_next(self, after: Sequence[str]) -> None:
+        """Name the way to the evidence of a brief answer, and the next step: its page, if it has
+        one (--force replaces it) and the answer names nothing else."""
         from stochvi.cli.program import COMMAND_LINE
 
-        asked = click.get_current_context().meta.get(COMMAND_LINE, "").removesuffix(" -v")
-        page = f"{asked} --out out" if self.out is None else self.out / "report.html"
-        lines = [f"page to sign: {page}"]
+        here, lines = click.get_current_context(), []
+        asked = here.meta.get(COMMAND_LINE, "").removesuffix(" -v")
+        if after:
+            words, command, part = after
+            lines = [f"Next, {words}: stochvi {command} {shlex.quote(here.params['scene'] + part)}"]
+        elif self.force is not None:
+            target = f"{asked} --out out" if self.out is None else self.out / "report.html"
+            lines = [f"Next, a page to sign: {target}"]
         lines += [] if self.verbose else ["-v shows the tables, the method and the cost"]
         for line in lines:
-            console.print(line, style="dim", highlight=False, markup=False)
+            self.console.print(line, style="dim", highlight=False, markup=False)
 
     def draw(self, name: str, picture: Callable[[], Axes]) -> None:
         """Write a picture, if there is a folder for it; if that fails, print a note."""
@@ -436,8 +445,8 @@ def judged_record(scene: Scene) -> RecordVerdict | None:
 
 def judged_phase(scene: Scene) -> tuple[RecordVerdict | None, str]:
     """The verdict on the record of a scene, or of the phase whose record must be known first, and
-    the words that name this phase."""
-    phases = {f"phase {each.name}: ": each.of(scene) for each in scene.phases} or {"": scene}
+    the name of this phase."""
+    phases = {each.name: each.of(scene) for each in scene.phases} or {"": scene}
     verdicts = {
         name: verdict
         for name, each in phases.items()
@@ -455,8 +464,7 @@ def fail_unless_gaussian(record: RecordVerdict | None) -> None:
     """End with exit code 1 if a record contradicts Gaussian noise of its spectrum, or is too short
     to be judged."""
     if record is not None and not record.agrees:
-        why = "contradicts" if record.contradicts else "is too short to be judged against"
-        stop(f"the record {why} the Gaussian model; stochvi replay shows its motion", FAILED)
+        stop(f"{record.headline('the record')}; stochvi replay shows its motion", FAILED)
 
 
 def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:

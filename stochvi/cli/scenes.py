@@ -3,7 +3,6 @@ ship."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -56,8 +55,7 @@ def demo(options: Common, out: Path, theory: bool) -> None:
 
 
 def _size_the_truck(options: Common, out: Path, console: Console) -> None:
-    """`stochvi size` of the shipped truck, then what to make and where the page is."""
-    from stochvi.isolators.sizing.answer import RoundedClearance
+    """`stochvi size` of the shipped truck, then where the page is."""
     from stochvi.scenes.datasets import shipped_scene
 
     click.get_current_context().invoke(
@@ -65,9 +63,7 @@ def _size_the_truck(options: Common, out: Path, console: Console) -> None:
         mission=3600.0, seed=options.seed, threads=options.threads, force=options.force,
         quiet=options.quiet, verbose=options.verbose, units=options.units, out=out,
     )  # fmt: skip
-    made = RoundedClearance(**json.loads((out / "size.json").read_text("utf-8"))["made"])
-    console.print(f"\nclearance to make: {made} on each side", highlight=False)
-    console.print(f"its page: {out / 'report.html'}; your own scene: stochvi new truck.toml",
+    console.print(f"\nits page: {out / 'report.html'}; your own scene: stochvi new truck.toml",
                   highlight=False, soft_wrap=True)  # fmt: skip
 
 

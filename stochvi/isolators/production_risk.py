@@ -23,6 +23,7 @@ from stochvi.isolators.sizing.answer import (
     Sizing,
     Target,
     places_in_words,
+    sides_in_words,
 )
 from stochvi.isolators.sizing.pairs import nominal_sizing
 from stochvi.isolators.sizing.risk_curve import CERTAIN, KNOWN, chance_of_stops
@@ -148,16 +149,14 @@ class Production(Result):
         if self.target is None:
             low, high = map(spoken_percent, self.interval)
             return (
-                f"probability of any impact in {mission} {over}: "
-                f"{spoken_percent(self.probability.value)} ({low} to {high}, 95 %)"
+                f"an impact in {mission} {over}: {spoken_percent(self.probability.value)} likely "
+                f"({low} to {high}, 95 %)"
             )
-        if len(self.made) == 1:
-            shown, keep = f"clearance: {next(iter(self.made.values()))}", "keeps"
-        else:
-            shown, keep = f"clearances: {places_in_words(self.made)}", "keep"
+        made = self.made
+        places = places_in_words(made) if len(made) > 1 else str(next(iter(made.values())))
         return (
-            f"{shown} per side from the static equilibrium {keep} the probability of any impact in "
-            f"{mission} at or below {spoken_percent(self.target)} {over}"
+            f"Make {places} {sides_in_words(self.scene, made)}. An impact in {mission}: less than "
+            f"{spoken_percent(self.target)} likely {over}."
         )
 
     def dearest(self) -> str:

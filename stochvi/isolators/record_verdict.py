@@ -4,6 +4,7 @@ motion of gaps under a record without impacts; the verdict."""
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -362,48 +363,60 @@ class RecordVerdict:
         return _needed(self.clearance)
 
     @property
-    def needed_on_each_side(self) -> str:
-        """The clearances that the record needs below and above the static equilibrium, in words;
-        empty where there is one side, or both need the same."""
+    def needed_by_side(self) -> str:
+        """The clearances that the record needs below and above the static equilibrium, in words."""
         if self.clearance_lower is None or self.clearance_upper is None:
-            return ""
+            return f"{self.needed} to its stop"
         below, above = map(_needed, (self.clearance_lower, self.clearance_upper))
-        return "" if below == above else f"{below} below, {above} above"
+        return f"{below} on each side" if below == above else f"{below} below and {above} above"
 
     def needs(self) -> str:
         """The clearance that the record itself needs, in words; that of each gap of a
         structure."""
-        if self.gap is not None:
-            gaps = {self.gap: self, **self.others}
-            places = ", ".join(f"{each.needed} at {name}" for name, each in gaps.items())
-            return f"the record itself needs {places}, per side"
-        sides = f" ({self.needed_on_each_side})" if self.needed_on_each_side else ""
-        return f"the record itself needs {self.needed} per side{sides}"
+        if self.gap is None:
+            return f"the record itself needs {self.needed_by_side}"
+        gaps = {self.gap: self, **self.others}
+        places = ", ".join(f"{each.needed} at {name}" for name, each in gaps.items())
+        return f"the record itself needs {places}, on each side"
 
-    def sentence(self) -> str:
-        """The verdict in one sentence."""
-        needs = self.needs()
+    def headline(self, what: str = "this record") -> str:
+        """The verdict in a few words on `what` is judged."""
         if self.contradicts:
-            return (
-                "THE RECORD CONTRADICTS THE GAUSSIAN MODEL, and numbers for Gaussian noise do not "
-                f"hold for it: {'; '.join(self.reasons)}; {needs}"
-            )
-        if not self.judged:
+            return f"{what} is not Gaussian noise"
+        noise = "Gaussian noise of its spectrum"
+        return f"{what} agrees with {noise}" if self.judged else f"{what} is too short to be judged"
+
+    def agreement(self, what: str = "this record") -> str:
+        """That `what` is judged agrees with Gaussian noise, and the largest clearance it needs."""
+        most = max(self.gaps, key=lambda each: each.clearance)
+        where = f" at {most.gap}" if most.gap else ""
+        return f"{self.headline(what)}; the record itself needs {most.needed}{where}"
+
+    def reason(self) -> str:
+        """What contradicts Gaussian noise first, without its statistics; or why the record is too
+        short to be judged."""
+        if self.contradicts:
+            return re.sub(r" \([^()]*\)", "", self.reasons[0])
+        why = f"the kurtosis of the response is only known to ± {self.kurtosis_error:.2g}"
+        if self.p_values["peak"] is None:
             why = (
                 "the motion with which the mount starts from rest takes more than half of it to "
                 "die out"
-                if self.p_values["peak"] is None
-                else f"the kurtosis of the response is only known to +- {self.kurtosis_error:.2g}"
             )
-            return (
-                "THE RECORD IS TOO SHORT TO BE JUDGED: whether it agrees with Gaussian noise of "
-                f"its spectrum cannot be said, because {why}; take a longer record; {needs}"
+        return f"{why}; take a longer record"
+
+    def sentence(self) -> str:
+        """The verdict in one sentence, with its numbers."""
+        why = f"; {self.reason()}"
+        if self.contradicts:
+            why = f": {'; '.join(self.reasons)}"
+        elif self.judged:
+            why = (
+                f": through the mount it moves {self.peak_in_sigma:.3g} sigma (expected "
+                f"{self.expected_peak_in_sigma:.3g}) with a kurtosis of {self.kurtosis:.3g} "
+                f"(3 ± {self.kurtosis_error:.2g})"
             )
-        return (
-            f"the record agrees with Gaussian noise of its spectrum: through the mount it moves "
-            f"{self.peak_in_sigma:.3g} sigma (expected {self.expected_peak_in_sigma:.3g}) with a "
-            f"kurtosis of {self.kurtosis:.3g} (3 +- {self.kurtosis_error:.2g}); {needs}"
-        )
+        return f"{self.headline()}{why}; {self.needs()}"
 
 
 def most_alarming(verdicts: Mapping[str, RecordVerdict]) -> str | None:

@@ -34,7 +34,7 @@ from stochvi.model.model import Model, model_of
 from stochvi.results.base import COMMON, DataFrame, Response, Result, frame_of
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
-from stochvi.results.estimates import Estimate, provenance
+from stochvi.results.estimates import Estimate, count_of, provenance
 from stochvi.sampling.calculations import AccuracyOptions, calculation
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
@@ -503,19 +503,19 @@ class Screening(Result):
     def summary(self) -> str:
         """The numbers of the tables in words; a record that does not agree with them is named
         first."""
-        text = self._of_one() if len(self.coordinates) == 1 else self._of_several()
         if self.record is not None and not self.record.agrees:
-            return f"{self.record.sentence()}; {text}"
-        return text
+            return f"{self.record.headline()}; {self.motion_in_words()}"
+        return self.motion_in_words()
 
-    def _of_one(self) -> str:
+    def motion_in_words(self) -> str:
+        """The motion without stops."""
+        if len(self.coordinates) > 1:
+            return self._of_several()
         rms, often = self.displacement_std, self.zero_crossing_rate
         hertz = "" if often is None else f", {often:.3g} Hz"
-        passed, time = HOURLY(self.rice_rate(3.0 * rms)), HOURLY.time
-        each = f"an {time}" if time == "hour" else f"a {time}"
         return (
             f"{LENGTH.text(rms, '.3g')} rms{hertz}; three sigma {LENGTH.text(3.0 * rms, '.3g')}, "
-            f"passed {passed:.3g} times {each} (Rice)"
+            f"{_passed(self.rice_rate(3.0 * rms))}"
         )
 
     def _of_several(self) -> str:
@@ -528,6 +528,14 @@ class Screening(Result):
         ]
         return f"{len(self.coordinates)} coordinates and points, {'; '.join(most)}"
 
+    def stops_in_words(self) -> list[str]:
+        """How often the stops that are passed most are passed; empty without stops."""
+        if not self.impact_pairs:
+            return []
+        name, gap = max(self.impact_pairs.items(), key=lambda each: each[1].rice_rate)
+        where = f" at {name}" if len(self.impact_pairs) > 1 else ""
+        return [f"Your stops{where}: {_passed(gap.rice_rate)}"]
+
     def _remarks(self) -> Sequence[str]:
         return (*self.notes, *self.warnings)
 
@@ -535,6 +543,12 @@ class Screening(Result):
         """The document, in which the numbers of an only coordinate stand at the top, too."""
         only = vars(self.only) if len(self.coordinates) == 1 else {}
         return {**super()._document(), **only}
+
+
+def _passed(rate: float) -> str:
+    """How often a level is passed, 1/s, by Rice, in words."""
+    each = "an" if HOURLY.time == "hour" else "a"
+    return f"passed {count_of(HOURLY(rate))} times {each} {HOURLY.time} (Rice)"
 
 
 @calculation

@@ -942,8 +942,8 @@ PER = ("Hz", "h", "kg")
 
 WITHOUT_CHOICE = frozenset((
     "", "1", "%", "rad", "rad/s", "rad/s^2", "rad^2", "rad^2/s^2", "rad^2/Hz", "(rad/s)^2/Hz",
-    "(rad/s^2)^2/Hz", "Hz", "kg", "dB", "km/h", "N s/m", "m^2/s^3", "rad^2/s^3", "(m/s)^b", "g",
-    "mm",
+    "(rad/s^2)^2/Hz", "Hz", "kg", "dB", "km/h", "N s", "N s/m", "m^2/s^3", "rad^2/s^3", "(m/s)^b",
+    "g", "mm",
 ))  # fmt: skip
 """Other units of answers, which `CHOICES` holds no others for."""
 

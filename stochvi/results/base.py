@@ -179,8 +179,15 @@ COLUMN_UNITS = {
 }  # fmt: skip
 """Units of the columns of tables by their names, beside those of `RESPONSE_QUANTITIES`."""
 
-DENSITY_UNITS = {"equivalent_density": "(m/s^2)^2/Hz", "fatigue_damage": "(m/s)^b"}
-"""Units that files for programs state and names of columns do not."""
+UNNAMED_UNITS = {
+    "equivalent_density": "(m/s^2)^2/Hz", "fatigue_damage": "(m/s)^b",
+    "clearance_cost": "m", "amplitude": "m", "without": "m", "mean": "m", "variance": "m^2",
+    "velocity_mean": "m/s", "peak_acceleration": "m/s^2", "pad_force": "N", "impulse": "N s",
+    "energy_per_hit": "J", "rate_lower": "1/s", "rate_upper": "1/s", "speed_rate_lower": "m/s^2",
+    "speed_rate_upper": "m/s^2", "speed_square_rate_lower": "m^2/s^3",
+    "speed_square_rate_upper": "m^2/s^3",
+}  # fmt: skip
+"""Units that files for programs state, and that names of columns never do."""
 
 ENDING = re.compile(
     r"(?:_(?:low|high|error|standard_error|bias|without_stops|without))*"
@@ -192,7 +199,9 @@ its name and unit."""
 
 def in_three_columns(table: DataFrame) -> list[dict[str, str]]:
     """A row for each quantity of a tidy table: its name, the value with half of its 95 % interval
-    and its unit, and a note: limits, what is known of the bias, and how, where that differs.
+    and its unit, and a note.
+
+    The note has limits, what is known of the bias, and how the number was found if that differs.
 
     >>> row = {"of": "x", "quantity": "rate", "value": 2.0, "standard_error": 0.1, "unit": "1/s"}
     >>> in_three_columns(frame_of([row]))
@@ -248,7 +257,7 @@ def unit_of_column(column: str) -> str | None:
     ('m/s^2', '(m/s^2)^2/Hz')
     """
     name, _ = _parts(column)
-    return _unit_of_name(name) or DENSITY_UNITS.get(name)
+    return _unit_of_name(name) or UNNAMED_UNITS.get(name)
 
 
 def _unit_of_name(name: str) -> str | None:

@@ -770,6 +770,26 @@ NEAR_ONE = 0.999
 """Probability above which the number that it exceeds is shown: its own digits would all be 9."""
 
 
+def count_of(number: float) -> str:
+    """A number of things, to three digits.
+
+    >>> count_of(0.25), count_of(12.34), count_of(976.4), count_of(88623.0), count_of(2.5e7)
+    ('0.25', '12.3', '976', '88 600', '2.5e+07')
+    """
+    if not 100.0 <= number < 1e6:
+        return f"{number:.3g}"
+    return f"{float(f'{number:.3g}'):,.0f}".replace(",", " ")
+
+
+def capital(text: str) -> str:
+    """A text with a capital letter in front.
+
+    >>> capital("clearances that were tried")
+    'Clearances that were tried'
+    """
+    return f"{text[:1].upper()}{text[1:]}"
+
+
 def over_percent(probability: float) -> str:
     """A probability near 1 by the tenths of a per cent that it exceeds, 99.9 at most.
 

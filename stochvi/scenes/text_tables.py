@@ -884,7 +884,7 @@ def all_columns(table: TextTable, names: Sequence[str]) -> tuple[Vector, ...]:
 
 def out_of_order(values: Vector, cut: str) -> tuple[int, str]:
     """The first row whose value is out of order, and what to do: `cut` where another table or run
-    begins, which sorting would mix with the first one, or else to sort.
+    begins, else to sort. Sorting would mix two tables.
 
     >>> out_of_order(np.array([1.0, 2.0, 3.0, 1.0, 2.0, 3.0]), "keep one table")
     (3, 'keep one table, as a second one seems to begin there')

@@ -929,6 +929,8 @@ def asked_in_parts(
             found[name] = ask(name, part)
         except (NotConverged, Interrupted) as error:
             if error.partial is None and (all_needed or not found):
+                if isinstance(error, NotConverged):
+                    raise NotConverged(f"there is no answer without {name}: {error}") from None
                 raise
             if error.partial is None:
                 missing[f"{name}, answer"] = str(error)

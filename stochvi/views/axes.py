@@ -102,7 +102,7 @@ def owner_colours(number: int) -> list[str]:
 STYLES: dict[str, dict[Any, Any]] = {
     "screen": {},
     "paper": {
-        "font.size": 8.0, "figure.titlesize": 8.0, "axes.titlesize": 8.0, "axes.linewidth": 0.5,
+        "figure.dpi": 200.0, "font.size": 8.0, "axes.titlesize": 8.0, "axes.linewidth": 0.5,
         "xtick.labelsize": 7.0, "ytick.labelsize": 7.0, "xtick.major.width": 0.5,
         "ytick.major.width": 0.5, "xtick.minor.width": 0.3, "ytick.minor.width": 0.3,
         "legend.fontsize": 7.0, "legend.handlelength": 2.2, "legend.handletextpad": 0.5,
@@ -189,7 +189,7 @@ def _thin(panels: Sequence[Axes], before: Collection[Artist]) -> None:
         for part in parts
         if isinstance(part, Line2D | StepPatch) and part.get_linestyle() in ("-", "solid")
     }
-    named = [colour for part, colour in solid.items() if not str(part.get_label()).startswith("_")]
+    named = [colour for part, colour in solid.items() if str(part.get_label())[:1] not in "_"]
     dashes = dict(zip(dict.fromkeys(named), itertools.cycle(DASHES)))
     for part, colour in solid.items():
         part.set_linestyle(dashes.get(colour, "-"))

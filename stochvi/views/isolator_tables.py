@@ -20,7 +20,14 @@ from stochvi.isolators.sizing.answer import (
 from stochvi.isolators.tolerances import in_words
 from stochvi.mathematics.units import LENGTH, RATE, SPEED, spoken_mission
 from stochvi.results.base import DataFrame, rows_of
-from stochvi.results.estimates import GAUSSIAN_95, Estimate, plus_minus, spoken_percent
+from stochvi.results.estimates import (
+    GAUSSIAN_95,
+    Estimate,
+    capital,
+    count_of,
+    plus_minus,
+    spoken_percent,
+)
 from stochvi.views.axes import (
     BAND_ALPHA,
     CLEARANCES,
@@ -34,7 +41,6 @@ from stochvi.views.pages import (
     Grid,
     Section,
     Told,
-    capital,
     records,
     sentence,
     shown,
@@ -51,11 +57,10 @@ from stochvi.views.statistics import damage_told, plot_damage
 from stochvi.views.tables import (
     WITHOUT_TOLERANCES,
     chance_in_words,
-    count_of,
     four_digits,
     limits_of,
-    line_to_copy,
     of_less_risk,
+    of_three_sigma,
     of_your_stops,
     spoken_length,
     to_copy,
@@ -194,7 +199,12 @@ def _share(row: Row, name: str) -> str:
 
 def production_told(found: Production) -> Told:
     """The risk of a production, what its tolerances cost, and how the units differ."""
-    return Told(sections=[Section(notes=[found.summary()]), production_section(found)])
+    return Told(
+        verdict=capital(found.summary()),
+        statements=[*map(sentence, risk_in_words(found))],
+        sections=[production_section(found)],
+        brief=True,
+    )
 
 
 SHOWN_SHARES = (0.05, 0.5, 0.95, 0.99)
@@ -234,28 +244,49 @@ def risk_in_words(found: Production) -> list[str]:
 
 def sizing_told(sizing: Sizing, sensitivity: DataFrame | None = None) -> Told:
     """The clearances to make, then the numbers behind them, then what they rest on."""
-    record = sizing.record
-    return Told(
-        verdict=sizing.verdict(),
-        alarm=sizing.doubtful is not None,
-        statements=[
-            *([] if record is None or sizing.doubtful else [record.sentence()]),
-            sizing.calculated(),
-            *([] if sizing.several else [*of_your_stops(sizing), *of_less_risk(sizing)]),
-            *([] if sizing.varies else [WITHOUT_TOLERANCES]),
-            *([] if sizing.several else to_copy(sizing)),
-        ],
-        sections=[
+    lines = [*of_your_stops(sizing), of_three_sigma(sizing), *of_less_risk(sizing)]
+    lines += [] if sizing.varies or not sizing.shown_to_keep else [WITHOUT_TOLERANCES]
+    if sizing.production is not None:
+        lines = [*map(sentence, risk_in_words(sizing.production)[-2:])]
+    return _told(
+        sizing,
+        lines,
+        [
             *(_several(sizing) if sizing.several else _one(sizing)),
             production_section(sizing.production),
-            sensitivity_section(sensitivity),
+            replace(sensitivity_section(sensitivity), asked=True),
         ],
-        warnings=sizing.warnings,
         footer=[
             f"method: {sizing.method}",
             f"cost: {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads",
         ],
-        brief=not sizing.several and sizing.production is None and sensitivity is None,
+    )
+
+
+def _told(
+    found: ClearanceAnswer, lines: Sequence[str], sections: Sequence[Section], **more: Any
+) -> Told:
+    """An answer in a few lines: what to make, the `lines` and what to copy; the calculated
+    clearance and the sections stand behind it. Where a record does not agree with the noise of the
+    sizing, it says why, and what the record itself needs."""
+    doubtful, named = found.doubtful, getattr(found, "records", {}) if found.scene.phases else {}
+    judged = found.record
+    name = next((each for each in named if named[each] is judged), "")
+    notes = [f"for Gaussian noise: {found.for_noise()}"] if doubtful else []
+    notes += [found.calculated()] + ([judged.sentence()] if judged and not named else [])
+    own = []
+    if judged is not None:
+        own = [f"Records that agree with Gaussian noise: {', '.join(named)}"]
+        own = own if len(named) > 1 else [capital(judged.agreement())]
+    statements = [*filter(None, [*own, found.decides()]), *lines, *to_copy(found)]
+    told = record_told(judged, name) if doubtful else Told(statements=statements, brief=True)
+    behind = [*map(sentence, notes), *sections[0].notes]
+    return replace(
+        told,
+        verdict=found.verdict(),
+        sections=[replace(sections[0], notes=behind), *sections[1:]],
+        warnings=list(dict.fromkeys(found.warnings)),
+        **more,
     )
 
 
@@ -537,22 +568,12 @@ def _shared(sizing: Sizing) -> str:
 
 def clearance_told(found: ClearanceAnswer) -> Told:
     """The clearance to make, the line to copy, and what decides."""
-    stops = found.stops_to_copy()
     if isinstance(found, MissionSizing):
-        section, assumptions = _phases(found), found.assumptions
-    else:
-        assert isinstance(found, DamageSizing)
-        section, assumptions = _damage(found), ()
-    return Told(
-        verdict=found.verdict(),
-        alarm=bool(found.doubtful),
-        statements=[
-            found.calculated(), WITHOUT_TOLERANCES, *([line_to_copy(stops)] if stops else []),
-        ],
-        sections=[section],
-        warnings=found.warnings,
-        assumptions=assumptions,
-    )  # fmt: skip
+        return _told(
+            found, [WITHOUT_TOLERANCES], [_phases(found)], assumptions=found.assumptions
+        )  # fmt: skip
+    assert isinstance(found, DamageSizing)
+    return _told(found, [WITHOUT_TOLERANCES], [_damage(found)])
 
 
 def _phases(found: MissionSizing) -> Section:
@@ -630,10 +651,10 @@ def _damage(found: DamageSizing) -> Section:
 def damage_sizing_told(found: DamageSizing) -> Told:
     """The clearance to make, the clearances that were tried, and the damage there."""
     told, there = clearance_told(found), damage_told(found.damage)
-    spectra = Section(notes=[there.verdict])
+    spectra = Section(notes=[there.verdict, *there.statements])
     return replace(
         told, sections=[*told.sections, spectra, *there.sections], assumptions=there.assumptions,
-        warnings=[*told.warnings, *there.warnings],
+        warnings=list(dict.fromkeys([*told.warnings, *there.warnings])),
     )  # fmt: skip
 
 
@@ -645,7 +666,15 @@ def damage_sizing_told(found: DamageSizing) -> Told:
 def screening_told(linear: Screening) -> Told:
     """The verdict on a record, then the linear screening of coordinates and gaps."""
     told = record_told(linear.record)
-    return replace(told, sections=[screening_section(linear)], warnings=linear.notes)
+    lines = [f"Without stops: {linear.motion_in_words()}", *linear.stops_in_words()]
+    return replace(
+        told,
+        verdict=told.verdict or lines.pop(0),
+        statements=[*told.statements, *lines],
+        sections=[*told.sections, screening_section(linear)],
+        warnings=linear.notes,
+        brief=True,
+    )
 
 
 def screening_section(linear: Screening) -> Section:
@@ -683,12 +712,27 @@ def _coordinates(caption: str, linear: Screening) -> list[Grid]:
     )
 
 
-def record_told(record: RecordVerdict | None, where: str = "") -> Told:
-    """Whether a record moves the mount as Gaussian noise would; nothing without a record. `where`
-    stands before it, such as the phase of the record."""
+def record_told(record: RecordVerdict | None, phase: str = "") -> Told:
+    """Whether a record, of a phase where that is named, moves the mount as Gaussian noise would;
+    nothing without a record."""
     if record is None:
         return Told()
-    return Told(verdict=f"{where}{record.sentence()}", alarm=not record.agrees)
+    what = f"the record of phase {phase}" if phase else "this record"
+    verdict = record.agreement(what)
+    if not record.agrees:
+        verdict = f"do not judge by the spectrum: {record.headline(what)}."
+    return Told(
+        verdict=capital(verdict),
+        alarm=not record.agrees,
+        statements=[] if record.agrees else [*map(capital, (record.reason(), record.needs()))],
+        sections=[Section(notes=[sentence(record.sentence())])],
+        brief=True,
+        next=() if record.agrees else (*REPLAYED, f"#{phase}" * bool(phase)),
+    )
+
+
+REPLAYED = ("the clearance that this record needs", "replay")
+"""What is next where a record is no Gaussian noise: in words, and the command."""
 
 
 def curve_told(curve: DataFrame, notes: Sequence[str] = ()) -> Told:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 from rich.cells import cell_len
 
 from stochvi.results.base import DataFrame, Result, plain, rows_of
-from stochvi.results.estimates import NO_VALUE
+from stochvi.results.estimates import NO_VALUE, capital
 from stochvi.views.files import time_for_pictures, to_json, write_report_page, write_text
 
 if TYPE_CHECKING:
@@ -141,15 +141,6 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def capital(text: str) -> str:
-    """A text with a capital letter in front.
-
-    >>> capital("clearances that were tried")
-    'Clearances that were tried'
-    """
-    return f"{text[:1].upper()}{text[1:]}"
-
-
 def sentence(text: str) -> str:
     """A text as a sentence.
 
@@ -197,7 +188,7 @@ def shown(draw: Callable[[], Axes], caption: str, **where: bool) -> Picture:
 @dataclass(frozen=True, kw_only=True)
 class Section:
     """A part of a description; an empty section is left out. A terminal prints its tables and notes
-    alone."""
+    alone, those that are `asked` for also of a brief answer."""
 
     title: str = ""
     lead: str = ""
@@ -205,6 +196,7 @@ class Section:
     grids: Sequence[Grid] = ()
     pictures: Sequence[Picture] = ()
     notes: Sequence[str] = ()
+    asked: bool = False
 
     @property
     def anchor(self) -> str:
@@ -245,6 +237,9 @@ class Told:
     brief
         Whether verdict, statements and warnings are the answer: a terminal shows sections,
         assumptions and footer where it is asked for all alone.
+    next
+        What to do next, where that is not a page to sign: in words, the command, and the part of
+        its scene file.
     """
 
     verdict: str = ""
@@ -255,6 +250,7 @@ class Told:
     assumptions: Sequence[str] = ()
     footer: Sequence[str] = ()
     brief: bool = False
+    next: Sequence[str] = ()
 
 
 def told_of(
@@ -280,22 +276,22 @@ def print_told(console: Console, told: Told, whole: bool = True) -> None:
         console.print(told.verdict, style=style, highlight=False, markup=False)
     for line in told.statements:
         console.print(line, highlight=False, markup=False)
-    if whole or not told.brief:
-        _print_evidence(console, told)
+    whole = whole or not told.brief
+    _print_sections(console, [each for each in told.sections if whole or each.asked])
+    if whole and told.assumptions:
+        _print_line(console, f"assumptions: {'; '.join(told.assumptions)}")
+    for line in told.footer if whole else ():
+        _print_line(console, line)
     for warning in told.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False, markup=False)
 
 
-def _print_evidence(console: Console, told: Told) -> None:
-    for section in told.sections:
+def _print_sections(console: Console, sections: Sequence[Section]) -> None:
+    for section in sections:
         for grid in section.grids:
             _print_grid(console, grid)
         for note in section.notes:
             _print_line(console, note)
-    if told.assumptions:
-        _print_line(console, f"assumptions: {'; '.join(told.assumptions)}")
-    for line in told.footer:
-        _print_line(console, line)
 
 
 def _print_line(console: Console, line: str) -> None:

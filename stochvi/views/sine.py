@@ -28,6 +28,7 @@ from stochvi.views.tables import Heading, with_headings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
 
     from stochvi.methods.periodic.attracted import Basins, Bifurcation
     from stochvi.methods.periodic.sine_response import Branch, HarmonicResponse
@@ -129,7 +130,8 @@ def plot_sine(found: HarmonicResponse, ax: Axes | None = None) -> Axes:
     import matplotlib.pyplot as plt
 
     if ax is not None:
-        return plot_branches(found, ax, "impact_speed_max")
+        legend_above(plot_branches(found, ax, "impact_speed_max"), 2)
+        return ax
     figure, axes = plt.subplots(3, 1, figsize=SIZE, sharex=True, layout="constrained")
     for panel, column in zip(axes, PANELS, strict=True):
         plot_branches(found, panel, column)
@@ -359,12 +361,12 @@ def plot_basins(found: Basins, ax: Axes | None = None) -> Axes:
     ax.pcolormesh(
         *edges, found.ends + 2, cmap=colours, vmin=-0.5, vmax=len(shades) + 1.5, rasterized=True
     )
-    _mark(found, ax, units)
+    marks = _mark(found, ax, units)
     ax.set_xlim(edges[0][0], edges[0][-1])
     ax.set_ylim(edges[1][0], edges[1][-1])
     ax.set_xlabel(labels[0])
     ax.set_ylabel(labels[1])
-    legend_above(ax, 2, handles=handles)
+    legend_above(ax, 2, handles=[*handles, *marks[:1]])
     return ax
 
 
@@ -391,16 +393,19 @@ def _edges(values: np.ndarray) -> np.ndarray:
                            [1.5 * values[-1] - 0.5 * values[-2]]])  # fmt: skip
 
 
-def _mark(found: Basins, ax: Axes, units: tuple[float, ...]) -> None:
+def _mark(found: Basins, ax: Axes, units: tuple[float, ...]) -> list[Line2D]:
     """Mark the states of the periodic regimes at the phase of the starts; only with one coordinate
     do they lie in the plane of the map."""
+    marks: list[Line2D] = []
     if found.regimes and len(found.regimes[0].displacement) > 1:
-        return
+        return marks
     for regime in found.regimes:
         if regime.kind == "periodic":
             known = {"displacement": regime.displacement[0], "velocity": regime.velocity[0]}
             x, y = (known[name.partition(".")[0]] for name in found.plane)
-            ax.plot(x / units[0], y / units[1], "o", color="black", markersize=4.0)
+            where = x / units[0], y / units[1]
+            marks += ax.plot(*where, "ok", markersize=4.0, label="the motion itself")
+    return marks
 
 
 def draw_bifurcation(found: Bifurcation, ax: Axes | None = None) -> Axes:

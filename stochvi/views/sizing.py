@@ -23,7 +23,7 @@ from stochvi.mathematics.units import (
     spoken_mission,
 )
 from stochvi.results.base import DataFrame, is_speed
-from stochvi.results.estimates import GAUSSIAN_95, spoken_percent
+from stochvi.results.estimates import GAUSSIAN_95, count_of, spoken_percent
 from stochvi.views.axes import (
     CLEARANCES,
     COLOURS,
@@ -38,7 +38,7 @@ from stochvi.views.axes import (
     length_unit,
     owner_colours,
 )
-from stochvi.views.tables import count_of, name_of_answer, with_article
+from stochvi.views.tables import name_of_answer
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -289,11 +289,9 @@ def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
     if wanted.exceedance is None:
         lowest = _plot_any_hit(ax, sizing, unit)
         end = float(curve["clearance"][curve["probability"] > lowest].iloc[-1]) / unit
-        what = "probability of any impact"
     else:
         lowest = _plot_limit(ax, sizing, unit)
         end = 1.25 * max(places.values()) / unit
-        what = f"probability of {with_article(wanted.name.replace('_', ' '))}\nabove {wanted.limit}"
     shown = {"3 sigma": COLOURS["linearise:closure"], name_of_answer(sizing): own}
     for words, place in places.items():
         label = f"{words}: {place / unit:.4g} {name}"
@@ -311,7 +309,8 @@ def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
     ax.set_ylim(lowest, 1.3)
     ax.set_yscale("log")
     ax.set_xlabel(f"clearance per side ({name})")
-    ax.set_ylabel(f"{what} in {spoken_mission(sizing.mission)}")
+    what = "an impact" if wanted.name == "rate" else wanted.event
+    ax.set_ylabel(f"probability of {what} in {spoken_mission(sizing.mission)}")
     add_grid(ax)
     # above the label of the upper axis, whose distance is one of letters
     legend_above(ax, 2, borderaxespad=5.0)
@@ -604,13 +603,11 @@ def _limit_mark(ax: Axes, review: Review) -> None:
     target = review.sizing.target
     if target.exceedance is None:
         return
-    peak = not is_speed(target.name)
-    place = (ACCELERATION if peak else SPEED)(target.value)
+    place = (SPEED if is_speed(target.name) else ACCELERATION)(target.value)
     ax.axvline(place, color=COLOURS["stop"], linewidth=1.0)
     ax.axhline(target.exceedance, color=COLOURS["stop"], linewidth=1.0)
-    limit = f"limit {target.in_g if peak else target.limit}"
-    ax.text(place, 1.0, limit, fontsize="small", color=COLOURS["stop"], va="bottom", ha="center",
-            transform=ax.get_xaxis_transform())  # fmt: skip
+    ax.text(place, 1.0, f"limit {target.short}", fontsize="small", color=COLOURS["stop"],
+            va="bottom", ha="center", transform=ax.get_xaxis_transform())  # fmt: skip
 
 
 def plot_peaks(review: Review, ax: Axes | None = None) -> Axes:

@@ -28,7 +28,15 @@ from stochvi.mathematics.units import (
     spoken_mission,
 )
 from stochvi.results.base import ROTATIONS, unit_of_limit
-from stochvi.results.estimates import NEAR_ONE, Estimate, over_percent, plus_minus, spoken_percent
+from stochvi.results.estimates import (
+    NEAR_ONE,
+    Estimate,
+    capital,
+    count_of,
+    over_percent,
+    plus_minus,
+    spoken_percent,
+)
 from stochvi.views.axes import (
     BAND_ALPHA,
     CLEARANCES,
@@ -52,7 +60,7 @@ from stochvi.views.pages import (
     shown,
     told_of,
 )
-from stochvi.views.tables import UNKNOWN, count_of, value_with_error, way_in_words
+from stochvi.views.tables import UNKNOWN, value_with_error, way_in_words
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -123,6 +131,7 @@ def plot_spectrum(found: ResponseSpectrum, ax: Axes | None = None) -> Axes:
         for colour, (name, curves) in zip(OWNERS, found.curves.items(), strict=False):
             plot_curve(next(iter(curves.values())), ax, colour=colour, label=name)
         ax.set_xlabel("frequency (Hz)")
+        legend_above(ax)
         return ax
     shown = {owner: c for owner, c in found.curves.items() if not MODAL.fullmatch(owner)}
     shown = shown or dict(found.curves)
@@ -204,6 +213,7 @@ def plot_impacts(found: ImpactStatistics, ax: Axes | None = None) -> Axes:
                 plot_histogram(pair.speeds, ax, SPEED, colour=colour, label=name)
         ax.set_xlabel(f"impact speed ({SPEED})")
         ax.set_ylabel(f"density ({SPEED.inverse})")
+        legend_above(ax)
         return ax
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
     colours, speed, time = owner_colours(len(found.pairs)), SPEED.shown.si, TIME.shown.si
@@ -290,8 +300,15 @@ def damage_told(found: Damage) -> Told:
     )
     hertz: dict[str, Callable[[int], object]] = {"Hz": lambda k: found.equipment_frequency_hz[k]}
     rows = [(k,) for k in _spread(len(found.equipment_frequency_hz), ROWS)]
-    test = [] if found.test is None else [_test_section(found, found.test)]
-    return told_of(found, Grid.by(title, hertz | shown, rows, 0), hits_in_words(found), *test)
+    lines, test = hits_in_words(found), []
+    if found.test is not None:
+        test = [_test_section(found, found.test)]
+        duration = spoken_mission(found.test.duration)
+        lines.append(f"random test of {duration}: {found.test.summary()}")
+    return told_of(
+        found, Grid.by(title, hertz | shown, rows, 0), (), *test,
+        verdict=capital(found.summary()), statements=[*map(capital, lines)], brief=True,
+    )  # fmt: skip
 
 
 def _spread(count: int, most: int) -> list[int]:
@@ -320,7 +337,7 @@ def _test_section(found: Damage, test: TailoredTest) -> Section:
     )
     columns = {"Hz": lambda f, _: f, str(DENSITY): lambda _, density: f"{DENSITY(density):.3g}"}
     rows = zip(test.frequency_hz, test.density, strict=True)
-    return Section(grids=Grid.by(title, columns, rows, 0), notes=[test.summary()])
+    return Section(grids=Grid.by(title, columns, rows, 0))
 
 
 def hits_in_words(found: Damage) -> list[str]:
@@ -329,9 +346,9 @@ def hits_in_words(found: Damage) -> list[str]:
     lines = [
         f"{words} {_hourly(quantity(estimate))}{unit} per {HOURLY.time}"
         for words, estimate, quantity, unit in (
-            ("impacts", found.impacts_per_hour, NUMBER, ""),
+            ("impacts:", found.impacts_per_hour, NUMBER, ""),
             ("impacts bring", found.impact_work_per_hour, ENERGY, energy),
-            ("and lose", found.impact_loss_per_hour, ENERGY, energy),
+            ("impacts lose", found.impact_loss_per_hour, ENERGY, energy),
         )
         if estimate is not None and not (found.unseen and quantity is ENERGY)
     ]
@@ -344,10 +361,7 @@ def hits_in_words(found: Damage) -> list[str]:
 
 def _hourly(per_hour: Estimate) -> str:
     """A rate, per hour, in the unit of rates that is shown."""
-    estimate = HOURLY(per_hour / 3600.0)
-    if estimate.upper_95 is not None:
-        return f"at most {estimate.upper_95:.3g}"
-    return value_with_error(estimate)
+    return plus_minus(per_hour / 3600.0, HOURLY)
 
 
 def plot_damage(found: Damage, ax: Axes | None = None) -> Axes:
@@ -505,6 +519,7 @@ def bumper_map_told(found: BumperMap) -> Told:
         found,
         Grid.by(f"exceeded in {_risk(found)}{more}", shown, at, 0),
         footer=[cost],
+        brief=True,
     )
 
 
@@ -656,8 +671,8 @@ def _in_mission(found: ImpactStatistics, mission: float) -> str:
 
 
 EVENTS = {
-    "hit": "any impact",
-    "passage": "any passage of the barrier",
+    "hit": "an impact",
+    "passage": "a passage of the barrier",
     "impact_speed": "an impact faster than",
     "peak_acceleration": "a peak acceleration above",
 }
@@ -678,11 +693,20 @@ picture."""
 def reliability_told(found: Reliability) -> Told:
     """The probabilities with their intervals, how each was found, and the expected impacts."""
     mission, chances = spoken_mission(found.mission), list(found.chances.values())
-    told = [f"{event_in_words(each)}: {chance_of(each)} ({interval_of(each)})" for each in chances]
+    told = [
+        f"{event_in_words(each)} in {mission}: {_likely(each)} ({interval_of(each)})"
+        for each in chances
+    ]
     for name, why in found.missing.items():
         what = "not accurate" if name in found.chances else "not found"
         told.append(f"{name.replace('_', ' ')}: {what}, {why}")
-    hits = [f"Expected impacts in {mission}: {hits_of_mission(found)}."]
+    lines = (
+        [] if found.hits is None else [f"expected impacts in {mission}: {hits_of_mission(found)}"]
+    )
+    lines += [each.why for each in chances if each.way in ("phases", "levels")]
+    if len(found.pairs) > 1:
+        share = max((each.share_of_first_hits, name) for name, each in found.pairs.items())
+        lines.append(f"first impacts: {spoken_percent(share[0])} of them on {share[1]}")
     limit = found.chances["peak_acceleration"].limit if found.outputs else None
     crude: dict[str, Callable[..., object]] = {}
     if any(each.crude_seconds is not None for each in chances):
@@ -758,11 +782,12 @@ def reliability_told(found: Reliability) -> Told:
     )
     return told_of(
         found,
-        verdict=f"Probability in {mission} of {'; of '.join(told)}.",
+        verdict=" ".join(f"{capital(each)}." for each in told),
         alarm=bool(found.missing),
-        statements=[] if found.hits is None else hits,
+        statements=[*map(capital, lines)],
         sections=[probabilities],
         footer=[f"cost: {found.cost.wall_time:.3g} s on {found.cost.threads} threads"],
+        brief=True,
     )
 
 
@@ -772,6 +797,12 @@ def event_in_words(chance: Chance) -> str:
     if chance.limit is None:
         return words
     return f"{words} {readable(unit_of_limit(chance.event)).text(chance.limit)}"
+
+
+def _likely(chance: Chance) -> str:
+    """A probability in a sentence."""
+    words = chance_of(chance)
+    return f"{words} likely" if "%" in words else words
 
 
 def chance_of(chance: Chance) -> str:

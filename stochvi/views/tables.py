@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stochvi.isolators.sizing.answer import UNFELT
 from stochvi.mathematics.units import (
     LENGTH,
     NUMBER,
@@ -18,10 +19,17 @@ from stochvi.mathematics.units import (
     spoken_mission,
 )
 from stochvi.results.base import RESPONSE_QUANTITIES, DataFrame, Response, rows_of
-from stochvi.results.estimates import MOST_PLACES, Estimate, format_with_error, spoken_percent
+from stochvi.results.estimates import (
+    MOST_PLACES,
+    NEAR_ONE,
+    Estimate,
+    count_of,
+    format_with_error,
+    spoken_percent,
+)
 
 if TYPE_CHECKING:
-    from stochvi.isolators.sizing.answer import Sizing
+    from stochvi.isolators.sizing.answer import ClearanceAnswer, Sizing
 
 QUANTITY_NAMES = {name: each.words for name, each in RESPONSE_QUANTITIES.items()}
 """Short names of quantities in tables; w is the speed of an impact. The standard deviation of a
@@ -195,7 +203,7 @@ def relative_bias(estimate: Estimate) -> str:
 UNKNOWN = "not known"
 
 WITHOUT_TOLERANCES = (
-    "not included: tolerances (--tolerances usual); they usually take 1.7 to 2 times as much"
+    "Not included: tolerances (--tolerances usual); they usually take 1.7 to 2 times as much"
 )
 """Sentence of an answer whose clearance holds no tolerances."""
 
@@ -215,15 +223,6 @@ def spoken_length(metres: float) -> str:
     ('5.971 mm', '12.00 mm', '1234 mm')
     """
     return f"{four_digits(LENGTH(metres))} {LENGTH}"
-
-
-def with_article(words: str) -> str:
-    """Words with the indefinite article.
-
-    >>> with_article("impact speed"), with_article("peak acceleration")
-    ('an impact speed', 'a peak acceleration')
-    """
-    return f"{'an' if words[0] in 'aeiou' else 'a'} {words}"
 
 
 def four_digits(number: float) -> str:
@@ -263,17 +262,6 @@ def with_interval(estimate: Estimate | None, quantity: ShownQuantity = NUMBER) -
     return f"{value:.{places}f}\n{value - half:.{places}f} to {value + half:.{places}f}"
 
 
-def count_of(number: float) -> str:
-    """A number of things, to three digits.
-
-    >>> count_of(0.25), count_of(12.34), count_of(976.4), count_of(88623.0), count_of(2.5e7)
-    ('0.25', '12.3', '976', '88 600', '2.5e+07')
-    """
-    if not 100.0 <= number < 1e6:
-        return f"{number:.3g}"
-    return f"{float(f'{number:.3g}'):,.0f}".replace(",", " ")
-
-
 def way_in_words(way: str) -> str:
     """How impacts were found, in the words of the glossary; JSON keys say `bursts`."""
     return way.replace("bursts", "clusters")
@@ -290,12 +278,6 @@ def names_of_places(sizing: Sizing) -> dict[str, str]:
     return {"three_sigma": "3 sigma", "recommended": name_of_answer(sizing)}
 
 
-def chance_of_stops(sizing: Sizing) -> str:
-    """Probability of any impact with the stops of the scene, in words."""
-    chance = sizing.gap.probability
-    return UNKNOWN if chance is None else chance_in_words(chance)
-
-
 def chance_in_words(probability: float) -> str:
     """A probability in per cent; a limit of a tiny one.
 
@@ -309,42 +291,69 @@ TINY = 1e-12
 """Probability below which its value means nothing: no noise is Gaussian as far as that."""
 
 
-def line_to_copy(stops: str) -> str:
-    """The keys of stops, with where they belong and from where they are measured."""
-    return f"copy into the scene file (m from the unloaded spring): {stops}"
+def hit_in_words(probability: float | None) -> str:
+    """How likely stops are hit.
+
+    >>> hit_in_words(0.99999), hit_in_words(0.14), hit_in_words(None)
+    ('hit almost surely', '14 % likely to be hit', 'not known how likely they are hit')
+    """
+    if probability is None:
+        return "not known how likely they are hit"
+    sure = probability > NEAR_ONE
+    return "hit almost surely" if sure else f"{chance_in_words(probability)} likely to be hit"
 
 
 def of_your_stops(sizing: Sizing) -> list[str]:
-    """The probability of an impact on the stops of the scene at their places; none without them."""
-    places = dict.fromkeys(f"{LENGTH(each):.4g}" for each in sizing.gap.distances.values())
-    noise = ", for Gaussian noise" if sizing.doubtful else ""
-    return [
-        f"your stops, {' and '.join(places)} {LENGTH} from the static equilibrium: "
-        f"{chance_of_stops(sizing)} in {spoken_mission(sizing.mission)} (any impact{noise})"
-    ] * bool(places)
+    """How likely the stops of the scene are hit where they are; none without them."""
+    if sizing.several:
+        given = sizing.as_given
+        return [] if given is None else [f"Your stops: {hit_in_words(given.value)}"]
+    found = {side: LENGTH.text(each, ".3g") for side, each in sizing.gap.distances.items()}
+    beside = {"lower": "below", "upper": "above"}
+    places = " and ".join(f"{each} {beside[side]}" for side, each in found.items())
+    places += " the static equilibrium"
+    if len({*found.values()}) == 1 < len(found):
+        places = found["lower"]
+    name = "Your stops" if len(found) > 1 else "Your stop"
+    return [f"{name}, {places}: {hit_in_words(sizing.gap.probability)}"] if found else []
+
+
+def of_three_sigma(sizing: Sizing) -> str:
+    """How likely stops at three sigma are hit, and how often where that is known."""
+    three = sizing.three_sigma
+    place = " of every gap" if sizing.several else f", {LENGTH.text(three.clearance, '.3g')}"
+    often = ""
+    if three.hits is not None and three.hits.value:
+        often = f", about {count_of(three.hits.value)} impacts in {spoken_mission(sizing.mission)}"
+    return f"Three sigma{place}: {hit_in_words(three.probability.value)}{often}"
 
 
 def of_less_risk(sizing: Sizing) -> list[str]:
     """What a tenth of the risk takes; none where that is not known."""
     target = sizing.target
-    if target.name != "probability" or sizing.varies or sizing.doubtful:
+    if target.name != "probability" or sizing.varies:
         return []
+    (name, nominal) = max(sizing.named.items(), key=lambda each: each[1].value)
     return [
-        f"ten times less risk takes "
-        f"{LENGTH.text(row['clearance'] - sizing.clearance.value, '.2g')} more"
+        f"Ten times less risk takes {LENGTH.text(row[name] - nominal.value, '.2g')} more"
+        f"{sizing.of_widest}"
         for row in rows_of(sizing, "required")
-        if np.isclose(row["probability"], 0.1 * target.value)
+        if np.isclose(row["probability"], 0.1 * target.value) and math.isfinite(row[name])
     ]
 
 
-def to_copy(sizing: Sizing) -> list[str]:
-    """The line to copy into a scene file; none where there is nothing to make."""
-    hangs = f"; {equilibrium_in_words(sizing)}" if sizing.gap.mean_position else ""
-    return [line_to_copy(copied) + hangs for copied in [sizing.stops_to_copy()] if copied]
+def to_copy(found: ClearanceAnswer) -> list[str]:
+    """The stops to copy into a scene file, with where they belong and from where they are measured;
+    none where there is nothing to make."""
+    copied = found.stops_to_copy()
+    line = f"Copy into the scene file (m from the unloaded spring): {copied}"
+    if not found.several and abs(found.rest) > UNFELT:
+        line += f"; {equilibrium_in_words(found)}"
+    if len(found.each_made) > MOST_NAMED:
+        line = f"Copy into the scene file: the stops of {len(found.each_made)} pairs, see -v"
+    return [line] * bool(copied)
 
 
-def equilibrium_in_words(sizing: Sizing) -> str:
-    """The static equilibrium, in words."""
-    return (
-        f"the static equilibrium is at {LENGTH.text(sizing.gap.mean_position, '+.4g')} from there"
-    )
+def equilibrium_in_words(found: ClearanceAnswer) -> str:
+    """The static equilibrium of one mass, in words."""
+    return f"the static equilibrium is at {LENGTH.text(found.rest, '+.4g')} from there"

@@ -23,7 +23,7 @@ from stochvi.mathematics.units import (
     shown_as,
 )
 from stochvi.results.base import ROTATIONS, of_angle, quantities_of
-from stochvi.results.estimates import NO_VALUE, format_with_error
+from stochvi.results.estimates import NO_VALUE, capital, format_with_error
 from stochvi.verification.check import (
     AGREES,
     APPROXIMATE,
@@ -110,6 +110,7 @@ def plot_cost(found: WorkPrecision, ax: Axes | None = None) -> Axes:
     if ax is not None:
         plot_work_precision(found, *keys[0], ax)
         ax.set(xlabel="CPU time of one core (s)", ylabel="relative error (%)")
+        legend_above(ax)
         return ax
     columns = min(3, len(keys))
     rows = -(-len(keys) // columns)
@@ -677,9 +678,12 @@ DECADES = 1e6
 def replay_told(found: Replay, record: RecordVerdict | None) -> Told:
     """The clearance that the record itself needs, where it is known, and the motion and impacts."""
     needed = [] if record is None else [record.needs()]
+    verdict, *others = [f"{capital(each)}." for each in [*needed, found.summary()]]
     return told_of(
         found,
-        verdict="; ".join([*needed, found.summary()]),
+        verdict=verdict,
+        statements=others,
+        brief=True,
         alarm=any(
             float(pair.hits) > 0.0
             for each in found.clearances

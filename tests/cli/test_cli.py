@@ -168,7 +168,7 @@ def test_clearance_names_the_pair_whose_gap_stays_still(stochvi: Run, tmp_path: 
 
 def test_an_isolator_is_screened_and_its_clearance_answered(stochvi: Run, tmp_path: Path):
     truck = shipped_scene("isolator-truck")
-    code, out, _ = stochvi("screen", truck, "--json", tmp_path / "screen.json")
+    code, out, _ = stochvi("screen", truck, "-v", "--json", tmp_path / "screen.json")
     assert code == 0
     assert "3 sigma clearance" in out
     linear = json.loads((tmp_path / "screen.json").read_text("utf-8"))

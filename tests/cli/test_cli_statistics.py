@@ -242,7 +242,7 @@ def test_reliability_of_several_pairs_says_what_each_risks(stochvi: Run, tmp_pat
 def test_damage_is_a_document_of_lists_and_files(stochvi: Run, tmp_path: Path) -> None:
     scene = ISOLATOR
     ask = ["damage", scene, "--mission", "1h", "--equipment", "20:200:5", "--q", "10"]
-    more = ["--exponent", "6", "--rel-error", "0.5", "--json", "-", "--out", tmp_path]
+    more = ["--exponent", "6", "--rel-error", "0.5", "--json", "-", "--out", tmp_path, "-v"]
     code, out, err = stochvi(*ask, *more)
     assert code == 0 and "times the damage" in err
     document = one_document(out)

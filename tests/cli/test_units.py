@@ -122,8 +122,9 @@ def test_tables_and_sentences_are_the_same_but_for_their_units(
     stochvi: Run, tmp_path: Path, name: str
 ) -> None:
     texts, documents = [], []
+    whole = ["-v"] * any(each.name == "verbose" for each in main.commands[COMMANDS[name][0]].params)
     for units in ("", CHOSEN):
-        done = stochvi(*COMMANDS[name], "--units", units, "--json", tmp_path / "a.json")
+        done = stochvi(*COMMANDS[name], *whole, "--units", units, "--json", tmp_path / "a.json")
         assert done.code in (0, 1), done.err
         texts.append("\n".join(TIMES.sub("", text) for text in (done.out, done.err)))
         documents.append(json.loads((tmp_path / "a.json").read_text()))

@@ -313,7 +313,7 @@ def test_a_sine_is_refused() -> None:
 
 def test_the_command_of_a_box(stochvi: Run, tmp_path: Path) -> None:
     scene = Path(__file__).parents[2] / "data" / "scenes" / "rigid-box.toml"
-    done = stochvi("screen", scene, "--json", "-", "--out", tmp_path)
+    done = stochvi("screen", scene, "-v", "--json", "-", "--out", tmp_path)
     assert done.code == 0
     document = one_document(done.out)
     assert document["coordinates"]["z"]["displacement_std"] > 0.0

@@ -307,7 +307,7 @@ def test_the_answer_holds_the_hits_that_are_expected(both: Sizing) -> None:
     assert both.expected_hits.value > 1.2 * -math.log1p(-TARGET)
     # where hardly an impact was seen, the limits that are known are told, and no 0
     rare = replace(both, expected_hits=Estimate(value=0.0, upper_95=25.0, how="never seen"))
-    assert f"where {-math.log1p(-TARGET):.2g} to 25 impacts are expected" in rare.calculated()
+    assert f"; {-math.log1p(-TARGET):.2g} to 25 impacts expected" in rare.calculated()
     assert (both.pairs["impact_speed_mean"] > 0.5).all()
 
 
@@ -351,7 +351,8 @@ def test_many_pairs_read_by_their_ends_and_alike_ones_are_one_line(both: Sizing)
         curve=both.curve.assign(twin=both.curve["x"], third=1.01 * both.curve["x"]),
         tolerances=pd.DataFrame(),
     )
-    assert "from x " in many.verdict() and " to z " in many.verdict()
+    ends = [many.each_made[name] for name in ("x", "z")]
+    assert f"Make from {ends[0]} at x to {ends[1]} at z, each of 4 pairs" in many.verdict()
     assert "third" not in many.verdict()
     ax = plot_pairs_risk(many)
     labels = [label.partition(":")[0] for label in ax.get_legend_handles_labels()[1]]
@@ -374,7 +375,7 @@ def test_the_worst_tolerances_stand_in_the_verdict(both: Sizing) -> None:
         needed = both.tolerances[name]
         assert 0.0 <= made.value - needed.iloc[-1] <= made.step
         assert needed.iloc[-1] >= needed.max()
-        assert f"{name} {made}" in both.verdict()
+        assert f"{made} at {name}" in both.verdict()
     assert "level ± 3 dB" in both.verdict()
     stated = replace(both, tolerances=both.tolerances.iloc[:1], allowed=Tolerances())
     assert "tolerance" not in stated.verdict()
@@ -442,7 +443,7 @@ def test_a_limit_far_above_every_impact_is_kept_by_the_smallest_clearances_that_
     found = sized(uncoupled(*pairs_of_it), rel_error=0.5, **asked)
     assert found.kept_with is not None and found.shown_to_keep
     assert {c.lower for c in found.clearances.values()} == {0.0}
-    assert "are enough, and less may be" in found.verdict()
+    assert "; less may be enough. " in found.verdict()
     assert found.to_dict()["kept_with"]["value"] <= 0.2
     for name, c in found.clearances.items():
         told = found[f"{name}.clearance"]
@@ -450,7 +451,7 @@ def test_a_limit_far_above_every_impact_is_kept_by_the_smallest_clearances_that_
     # some windows cannot show that one mission in a million exceeds it: farther stops can
     rare = asked | {"exceedance": 1e-6, "budget": 10.0}
     farther = partial_result(sized, uncoupled(*pairs_of_it), rel_error=0.5, **rare)
-    assert farther.shown_to_keep and "are enough, and less may be" in farther.verdict()
+    assert farther.shown_to_keep and "; less may be enough. " in farther.verdict()
     for name, c in farther.clearances.items():
         assert c.value > found.clearances[name].value
 
@@ -612,7 +613,7 @@ def test_one_clearance_for_all_is_said_to_be_common(both: Sizing) -> None:
     x = both.clearances["x"]
     stated = both.tolerances.iloc[:1]
     common = replace(both, clearances={"x": x, "z": x}, common=("x", "z"), tolerances=stated)
-    assert "for all 2 pairs in common, per side" in common.verdict()
+    assert "at all 2 pairs in common, on each side" in common.verdict()
     page = sizing_page(common, origin_of(common.provenance))
     lead = page.sections[0].lead
     assert lead == "x, z have one clearance in common, so that their risks differ."

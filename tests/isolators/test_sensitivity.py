@@ -276,11 +276,11 @@ def test_the_worst_case_is_sized_and_no_row_is_above_it() -> None:
     assert last["clearance"] >= table["clearance"].max() > 1.3 * sizing.clearance.value
     assert last["change"].startswith(WORST)
     assert sizing.made is not None and sizing.made.value >= last["clearance"]
-    assert sizing.verdict().startswith(f"clearance: {sizing.made} per side")
+    assert sizing.verdict().startswith(f"Make {sizing.made} on each side")
     assert ALLOWED.in_words() in sizing.verdict()
     # a row that is not accurate is no promise
     rough = table.assign(note=["" for _ in range(len(table) - 1)] + ["the budget ended"])
-    assert "was not shown to keep" in replace(sizing, worst_case=rough).verdict()
+    assert "was not shown as accurately" in replace(sizing, worst_case=rough).verdict()
     assert "was not shown" not in sizing.verdict()
     # brute force: a mount elsewhere in the region needs no more than what was found
     for frequency in (-0.02, 0.0):

@@ -133,7 +133,7 @@ def test_a_mission_is_shown_and_copied() -> None:
     assert 0.0 <= float(places["upper"]) + sag - made < finest
     document = json.loads(json.dumps(found.to_dict(), allow_nan=False))
     assert document["mission"] == 10800.0 and document["phases"][1]["phase"] == "warm"
-    assert "over 2 phases" in found.summary() and "phase warm" in found.calculated()
+    assert "over 2 phases" in found.summary() and found.decides().startswith("Phase warm of ")
     assert found.curve["probability"].is_monotonic_decreasing
 
 
@@ -159,15 +159,17 @@ def with_records(folder: Path, potholes: float) -> Scene:
 def test_the_record_of_each_phase_is_judged(tmp_path: Path) -> None:
     found = sized(with_records(tmp_path, potholes=9.0))
     assert set(found.records) == {"smooth", "rough"} and set(found.doubtful) == {"rough"}
-    assert found.verdict().startswith("phase rough: THE RECORD CONTRADICTS THE GAUSSIAN MODEL")
-    assert "For Gaussian noise of their spectra: clearance" in found.verdict()
+    assert found.verdict() == (
+        "Do not size by the spectrum: the record of phase rough is not Gaussian noise."
+    )
+    assert f"Make {found.widest} on each side" in found.for_noise()
     assert found.stops_to_copy() == ""
     assert found.to_dict()["records"]["rough"]["contradicts"] is True
     page = write_clearance_report(found, tmp_path / "page").read_text("utf-8")
     assert 'class="verdict alarm"' in page
     # the control: without potholes nothing is said, and the page is calm
     calm = sized(with_records(tmp_path, potholes=0.0))
-    assert not calm.doubtful and calm.stops_to_copy() and calm.verdict().startswith("clearance: ")
+    assert not calm.doubtful and calm.stops_to_copy() and calm.verdict().startswith("Make ")
     page = write_clearance_report(calm, tmp_path / "calm").read_text("utf-8")
     assert 'class="verdict alarm"' not in page
 
@@ -176,7 +178,7 @@ def test_the_report_of_a_mission_shows_its_phases(tmp_path: Path) -> None:
     found = sized(THREE["rough and cold"])
     page = write_clearance_report(found, tmp_path).read_text("utf-8").replace("\u00a0", " ")
     for expected in (
-        f"Clearance: {found.made}", found.stops_to_copy(), "at +2 dB", "Phase by phase",
+        f"Make {found.made} on each side", found.stops_to_copy(), "at +2 dB", "Phase by phase",
         "stiffness of the mount times 0.9", "1.078 g rms", "Revision and signatures",
     ):  # fmt: skip
         assert expected in page, expected
@@ -292,8 +294,15 @@ def test_pairs_of_a_mission_have_a_clearance_in_common(tmp_path: Path) -> None:
     assert first > min(each.value for each in own.clearances.values())
     document = json.loads(json.dumps(own.to_dict(), allow_nan=False))
     assert set(document["clearances"]) == set(document["made"]) == {"bumpers", "box stops"}
-    assert "clearance" not in document and own.stops_to_copy() == ""
-    assert own.summary().startswith("clearances: bumpers ") and "over 2 phases" in own.summary()
+    places = [f"{pair.lower:g}, upper = {pair.upper:g}" for pair in own.as_made().impact_pairs]
+    assert "clearance" not in document and own.stops_to_copy() == (
+        f"bumpers: lower = {places[0]}; box stops: lower = {places[1]}"
+    )
+    made = own.each_made
+    assert own.summary().startswith(
+        f"Make {made['bumpers']} at bumpers and {made['box stops']} at box stops, on each side. "
+    )
+    assert "over 2 phases" in own.summary()
     page = write_clearance_report(own, tmp_path).read_text("utf-8").replace("\u00a0", " ")
     assert "Upper stop of box stops" in page and "isolated mass" not in page
     made = own.as_made().impact_pairs[0].upper
@@ -424,7 +433,7 @@ def test_several_pairs_are_sized_for_a_damage(tmp_path: Path) -> None:
     document = found.to_dict()
     assert set(document["clearances"]) == set(document["made"]) and "clearance" not in document
     page = write_clearance_report(found, tmp_path).read_text("utf-8")
-    assert "Upper stop of box stops" in page and found.stops_to_copy() == ""
+    assert "Upper stop of box stops" in page and "box stops: lower = " in page
 
 
 @pytest.mark.slow

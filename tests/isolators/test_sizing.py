@@ -185,7 +185,7 @@ def test_the_document_holds_plain_numbers(hourly: Sizing) -> None:
     assert document["target"] == {
         "name": "probability", "value": 0.01, "unit": "1", "exceedance": None,
     }  # fmt: skip
-    assert repr(hourly).startswith("Sizing: make ") and " mm (1 % in 1 h at " in repr(hourly)
+    assert repr(hourly) == f"Sizing: {hourly.verdict()}" and "(1 % at " in repr(hourly)
     assert "1 %" in hourly._repr_html_()
     assert hourly.to_frame() is hourly.curve
 
@@ -319,8 +319,8 @@ def test_a_limit_that_no_hit_reaches_is_kept_by_the_nearest_stops_that_can_be_ju
     assert any("may do as well" in warning for warning in found.warnings)
     assert found.kept_with is not None and found.kept_with.upper_95 == pytest.approx(2e-5)
     verdict = found.verdict()
-    assert verdict.startswith(f"clearance: {found.made} from the static equilibrium is enough")
-    assert "any impact speed of 1 h exceeds 5 m/s is below 1 %" in verdict
+    assert verdict.startswith(f"Make {found.made} on each side")
+    assert "; less may be enough. An impact faster than 5 m/s in 1 h: less than 1 %" in verdict
     assert "95 % limit of the probability: 0.002 %" in found.calculated()
     assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["kept_with"]["value"] == 0.0
 
@@ -329,7 +329,7 @@ def test_a_limit_that_no_hit_reaches_is_kept_by_the_nearest_stops_that_can_be_ju
     assert farther.shown_to_keep and farther.clearance.value > found.clearance.value
     assert farther.clearance.lower == 0.0
     unknown = replace(found, kept_with=Estimate(value=0.0, upper_95=0.1))
-    assert unknown.verdict().startswith("no clearance was shown to keep the target: ")
+    assert unknown.verdict().startswith("No clearance was shown to keep the target; ")
     assert "is not known well enough" in unknown.verdict() and unknown.stops_to_copy() == ""
 
 
@@ -348,7 +348,7 @@ def test_the_chance_that_is_kept_already_is_told_where_it_was_seen(
     found = size(truck(HALF), impact_speed=0.5, exceedance=0.5, mission=60.0, rel_error=0.2)
     assert found.kept_with is not None and found.kept_with.upper_95 is None
     assert 0.0 < found.kept_with.value < 0.5
-    assert "is below 50 %" in found.verdict()
+    assert "faster than 0.5 m/s in 1 min: less than 50 % likely." in found.verdict()
     assert f"a probability of {spoken_percent(found.kept_with.value)}" in found.calculated()
 
 

@@ -245,6 +245,9 @@ def test_a_picture_is_drawn_in_axes_of_its_own_and_in_given_ones(answer: Result)
         assert ax.has_data() or ax.texts
         assert ax.get_xlabel() or ax.get_ylabel() or ax.get_title()
         assert given is None or ax is given
+        figure: Any = ax.get_figure(root=True)
+        several = len(set(ax.get_legend_handles_labels()[1])) > 1
+        assert not several or figure.legends or any(each.get_legend() for each in figure.axes)
     ax.get_figure(root=True).savefig(io.BytesIO(), format="svg")
     plt.close("all")
 
@@ -449,6 +452,60 @@ def test_a_table_is_a_frame_once_it_is_asked_for() -> None:
         Sizing(**{name: part for name, part in vars(found).items() if name != "required"})
 
 
+COUNTS_AND_RATIOS = {
+    "absorbed_share", "best", "branch", "captured", "clearance_in_sigma", "damage_ratio",
+    "displacement_kurtosis", "first_harmonic", "first_order", "hits", "hits_lower",
+    "hits_upper", "impacts_per_hour", "impacts_per_period", "independent", "left",
+    "left_later", "model", "multiplier", "on_both_stops", "order", "pair", "paths",
+    "peak_factor", "peak_factor_without", "periods", "play_in_sigma", "probability",
+    "probability_alone", "reference", "regime", "relative", "restitution", "rests",
+    "rms_ratio", "score", "share", "side", "size", "stated", "step_bias_limit",
+    "stiffness_factor", "total", "trials", "units", "worst",
+}  # fmt: skip
+"""Columns of pure numbers: counts, ratios, probabilities, relative errors, numbers of parts."""
+
+IN_UNITS_OF_THE_NAME = re.compile(r"(^|_)(seconds(_[\d.]+)?|hz|percent|db)$|^error_of_a_second$")
+"""Columns whose name says the unit in words."""
+
+OF_THE_ROW = {
+    "value", "lower", "upper", "limit", "reference_value", "difference", "tolerance", "step",
+    "standard_error", "bias", "x", "displacement.x", "velocity.x",
+}  # fmt: skip
+"""Columns whose unit is that of the quantity, the key or the pair of a row, or of the plane."""
+
+
+@pytest.mark.parametrize("file", SAVED, ids=[each.name.partition(".")[0] for each in SAVED])
+def test_a_column_of_numbers_has_a_unit_or_is_known_to_have_none(
+    file: Path, tmp_path: Path
+) -> None:
+    """A new column states its unit in `results/base.py`, or is listed above."""
+    plain = tmp_path / "answer.json"
+    plain.write_bytes(gzip.decompress(file.read_bytes()))
+    table = stochvi.load_answer(plain).to_frame()
+    assert without_unit(table) == []
+    if "unit" not in table:
+        assert without_unit(table.assign(swing=1.0)) == ["swing"]
+
+
+def test_a_column_of_a_new_answer_has_a_unit_or_is_known_to_have_none(answer: Result) -> None:
+    assert without_unit(answer.to_frame()) == []
+
+
+def without_unit(table: pd.DataFrame) -> list[str]:
+    """Columns of numbers, of a table whose rows state none, whose unit nothing tells."""
+    numbers = [] if "unit" in table else table.select_dtypes("number")
+    return [
+        name
+        for name in map(str, numbers)
+        if (own := base.ENDING.sub("", name)) not in COUNTS_AND_RATIOS
+        and own not in OF_THE_ROW
+        and name not in OF_THE_ROW
+        and not IN_UNITS_OF_THE_NAME.search(own)
+        and not own.endswith(tuple(f"_{each}" for each in base.SUFFIXES.values()))
+        and base.unit_of_column(name) is None
+    ]
+
+
 def assert_the_same(now: Any, before: Any) -> None:
     """A document holds what an older one does: keys and words may come, numbers stay but for the
     last digit of those that are calculated when they are asked for."""
@@ -562,7 +619,7 @@ def test_a_unit_that_no_choice_is_known_for_is_told(
     stochvi: RunOfCommands, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All that there are now are known, or stay as they are on purpose."""
-    known = {*base.COLUMN_UNITS.values(), *base.DENSITY_UNITS.values(), *base.SUFFIXES}
+    known = {*base.COLUMN_UNITS.values(), *base.UNNAMED_UNITS.values(), *base.SUFFIXES}
     angles = {base.in_angles("ry", each.unit) for each in base.RESPONSE_QUANTITIES.values()}
     with shown_in(units_of("in")):
         for unit in known | angles:

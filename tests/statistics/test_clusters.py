@@ -18,6 +18,7 @@ from stochvi import (
     Isolator,
     Matrices,
     NotApplicable,
+    NotConverged,
     Oscillator,
     Restitution,
     Scene,
@@ -43,11 +44,22 @@ from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.methods.monte_carlo.choose_plan import make_plan, with_tables
 from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.model.model import model_of
+from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Estimate, of_events
+from stochvi.sampling.run import Run
+from stochvi.sampling.workers import pool_of
 from stochvi.scenes import RigidBody
 from stochvi.scenes.impact_laws import Law, SpeedRestitution
 from stochvi.statistics import clusters
-from stochvi.statistics.clusters import Bursts, ClusterPaths, bursts, chance_of, is_far, widened
+from stochvi.statistics.clusters import (
+    Bursts,
+    ClusterPaths,
+    asked_in_parts,
+    bursts,
+    chance_of,
+    is_far,
+    widened,
+)
 from stochvi.statistics.crossings import PairMotion, first_crossings
 from stochvi.statistics.rare_hits import (
     Limit,
@@ -58,7 +70,6 @@ from stochvi.statistics.rare_hits import (
     windows,
 )
 from stochvi.testing import assert_agrees
-from stochvi.views.report.sizing import limit_in_words
 from support.accuracies import rel_errors
 from support.boxes import INERTIA, PLACES, TABLES, box, direct_matrices, scene_with, tables
 from support.pairs import LAW, diagonal, pair, uncoupled
@@ -365,6 +376,21 @@ def test_names_that_clusters_do_not_have_are_refused_in_sentences() -> None:
         bursts(unit(4.0, Elastic(stiffness=1e4)), mission=3.0)  # type: ignore[call-arg]
 
 
+def test_a_part_without_an_answer_is_named_where_all_parts_are_needed() -> None:
+    def ask(name: str, _: Run) -> str:
+        if name == "rail":
+            raise NotConverged("the budget of 2 s ended; raise budget")
+        return name
+
+    durations = {"road": 60.0, "rail": 60.0}
+    with pool_of(None, 1) as pool:
+        run = Run(pool, Deadline.after(10.0))
+        with pytest.raises(NotConverged, match=r"^there is no answer without rail: the budget"):
+            asked_in_parts(run, durations, ask)
+        found, missing = asked_in_parts(run, durations, ask, all_needed=False)
+    assert [*found] == ["road"] and [*missing] == ["rail, answer"]
+
+
 @pytest.mark.parametrize("event", ["impact_energy", "hit"])
 def test_an_event_that_is_not_known_is_refused_and_not_taken_for_another(event: str) -> None:
     scene = unit(4.0, Elastic(stiffness=1e4))
@@ -381,7 +407,6 @@ def test_an_event_that_is_not_known_is_refused_and_not_taken_for_another(event: 
         lambda: sampler.simulate(0, 2),
         lambda: limit_of_pairs(scene, target, None),
         lambda: widening(scene, target, 1.0, 4.0),
-        lambda: limit_in_words(target),
     ]
     for ask in asked:
         with pytest.raises(ValueError, match="event must be 'impact_speed' or 'peak_accel"):

@@ -1218,7 +1218,7 @@ def test_the_command_writes_a_profile_that_a_scene_reads(stochvi: Run, tmp_path:
         "--breakpoints", "6", "--out", tmp_path / "out", "--json", tmp_path / "found.json",
     )  # fmt: skip
     assert done.code == 0
-    assert "random test of 1 h with the damage of 3.167 h" in " ".join(done.out.split())
+    assert "Random test of 1 h: 6 breakpoints of " in " ".join(done.out.split())
     test = json.loads((tmp_path / "found.json").read_text())["test"]
     (tmp_path / "table.toml").write_text(
         """

@@ -402,7 +402,7 @@ def test_a_report_as_pdf_has_pages(tmp_path: Path) -> None:
     pages = PdfReader(tmp_path / "report.pdf").pages
     text = " ".join(" ".join(page.extract_text() for page in pages).split())
     made = json.loads((tmp_path / "size.json").read_text("utf-8"))["made"]["value"]
-    assert len(pages) >= 3 and f"Clearance: {1e3 * made:g}" in text.replace("\u00a0", " ")
+    assert len(pages) >= 3 and f"Make {1e3 * made:g}" in text.replace("\u00a0", " ")
     assert "Revision and signatures" in text
 
 

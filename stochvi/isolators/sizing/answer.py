@@ -20,7 +20,13 @@ from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.model.coverage import NaturalMode, free_motion, natural_modes
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import DataFrame, Named, Response, Result, frame_of, kept_table, rows_of
-from stochvi.results.estimates import GAUSSIAN_95, Estimate, spoken_percent
+from stochvi.results.estimates import (
+    GAUSSIAN_95,
+    Estimate,
+    capital,
+    count_of,
+    spoken_percent,
+)
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody
@@ -143,9 +149,10 @@ def gap_of(sizing: Sizing) -> StopPositions:
     """The stops of a sizing: at the clearance to make, and as the scene has them."""
     model = model_of(sizing.scene)
     rest, made = model.rest, sizing.made
+    sides = [stop.name for stop in model.stops] or SIDES
     return StopPositions(
         mean_position=rest,
-        recommended={side: made.position(rest, side) for side in sizing.sides if made},
+        recommended={side: made.position(rest, side) for side in sides if made},
         distances={name: abs(each) for name, each in distances_of_stops(sizing.scene).items()},
         probability=probability_of_stops(sizing),
     )
@@ -273,19 +280,34 @@ class Target:
         """An acceleration in g, or in a chosen unit, in words."""
         return ACCELERATION.text(self.value)
 
-    def kept(self, mission: float) -> str:
-        """The target in a mission (s), in words."""
-        spoken = spoken_mission(mission)
-        if self.name == "probability":
-            chance = spoken_percent(self.value)
-            return f"the probability of any impact in {spoken} at or below {chance}"
+    @property
+    def short(self) -> str:
+        """The value with its unit; an acceleration in g."""
+        return self.in_g if self.name == "peak_acceleration" else self.limit
+
+    @property
+    def accepted(self) -> str:
+        """What the target accepts, in words: a probability, or a rate."""
         if self.name == "rate":
-            return f"the impacts at or below {RATE(self.value):.3g} per {RATE.time}"
-        assert self.exceedance is not None
-        return (
-            f"every {self.name.replace('_', ' ')} of {spoken} below {self.limit} but "
-            f"for a probability of {spoken_percent(self.exceedance)}"
-        )
+            return f"{RATE(self.value):.3g} per {RATE.time}"
+        return spoken_percent(self.exceedance or self.value)
+
+    @property
+    def event(self) -> str:
+        """What the target limits, in words."""
+        kinds = {
+            "rate": "impacts",
+            "probability": "an impact",
+            "impact_speed": f"an impact faster than {self.short}",
+            "peak_acceleration": f"a peak acceleration above {self.short}",
+        }
+        return kinds[self.name]
+
+    def kept(self, mission: float) -> str:
+        """The target in a mission (s) as it is kept, in words."""
+        if self.name == "rate":
+            return f"impacts: fewer than {self.accepted}"
+        return f"{self.event} in {spoken_mission(mission)}: less than {self.accepted} likely"
 
 
 FINEST_SHARE = 0.05
@@ -454,11 +476,20 @@ class ClearanceAnswer(Result):
 
     @property
     def to_make(self) -> str:
-        """The clearances to make in words, with the verb that follows."""
-        first, keep = ("clearances", "keep") if self.several else ("clearance", "keeps")
-        places = self._places() if self.several else str(self.widest)
-        sides = "" if not self.several and len(self.sides) == 1 else " per side"
-        return f"{first}: {places}{sides} from the static equilibrium{self._beside()} {keep}"
+        """The clearances to make, in words."""
+        places = f"{self._places()}," if self.several else str(self.widest)
+        return f"Make {places} {sides_in_words(self.hanging, self.clearances)}{self._beside()}"
+
+    def _kept(self, kept: str, accepted: str, as_stated: str = "") -> str:
+        """The clearances to make, what they keep, and the calculated one, where the risk is just
+        what is accepted; with its interval where that changes a printed digit."""
+        c = self.clearance
+        low, place, high = (_in_three(each) for each in (c.lower, c.value, c.upper))
+        place = LENGTH.text(c.value) if place == str(self.widest) else place
+        just = f"{accepted} at {place}{self.of_widest}{as_stated}"
+        if c.upper - c.lower > THIRD_DIGIT * c.value:
+            just += f", from {low.removesuffix(f' {LENGTH}')} to {high}"
+        return f"{self.to_make}. {capital(kept)} ({just})."
 
     def _places(self) -> str:
         """The clearances of several pairs to make, in words."""
@@ -467,13 +498,6 @@ class ClearanceAnswer(Result):
     def _beside(self) -> str:
         """What stays as it is, in words."""
         return ""
-
-    @property
-    def sides(self) -> tuple[str, ...]:
-        """Sides on which a stop of the first pair is sized: those of the scene, both where it has
-        none yet."""
-        pairs = self.scene.impact_pairs
-        return tuple(side for side, _ in pairs[0].stops()) if pairs else SIDES
 
     @property
     def hanging(self) -> Scene:
@@ -542,37 +566,45 @@ class ClearanceAnswer(Result):
         return self.scene.replace(impact_pairs=moved)
 
     def stops_to_copy(self) -> str:
-        """The stops at the clearance to make, as lines of a scene file have them (m from the
-        unloaded spring).
+        """The stops at the clearances to make, as lines of a scene file have them (m from the
+        unloaded spring). Several pairs stand behind their names; it is empty where there are none
+        to make."""
+        rests, pairs = self.rests, {each.name: each for each in self.scene.expanded.impact_pairs}
 
-        It is empty with several pairs, and where a record contradicts the noise. It is also empty
-        where that clearance is not known, or not shown to keep the target.
-        """
-        made = self.made
-        if self.several or made is None:
-            return ""
-        return _stops_in_toml(
-            self.scene, {side: made.position(self.rest, side) for side in self.sides}
-        )
+        def lines(name: str, made: RoundedClearance) -> str:
+            stated = dict(pairs[name]) if name in pairs else dict.fromkeys(SIDES, 0.0)
+            places = {
+                side: moved(stated[side], made.position(rests.get(name, self.rest), side))
+                for side in SIDES
+                if stated[side] is not None
+            }
+            return ", ".join(f"{side} = {in_toml(place)}" for side, place in places.items())
 
-    def _after_record(self) -> str:
-        """The verdicts on records that do not agree with the noise of the sizing, in front of what
-        was found for that noise; empty without any."""
-        found = self.doubtful
-        if not found:
-            return ""
-        if isinstance(found, RecordVerdict):
-            return f"{found.sentence()}. For Gaussian noise of its spectrum: "
-        judged = ". ".join(f"phase {name}: {each.sentence()}" for name, each in found.items())
-        return f"{judged}. For Gaussian noise of their spectra: "
+        found = [(name, lines(name, made)) for name, made in self.each_made.items()]
+        return "; ".join(f"{name}: {text}" if self.several else text for name, text in found)
 
     def verdict(self) -> str:
-        """The clearance to make and what it keeps, in one sentence."""
+        """The clearance to make and what it keeps, in words; where a record does not agree with the
+        noise of the sizing, that is said instead."""
+        found, record = self.doubtful, self.record
+        if not found or record is None:
+            return self.for_noise()
+        judged = [record.headline()]
+        if isinstance(found, Mapping) and self.scene.phases:
+            judged = [each.headline(f"the record of phase {name}") for name, each in found.items()]
+        return f"Do not size by the spectrum: {'; '.join(judged)}."
+
+    def for_noise(self) -> str:
+        """The clearance to make for Gaussian noise and what it keeps, in words."""
         raise NotImplementedError(f"{type(self).__name__} has no verdict")
 
     def calculated(self) -> str:
-        """The clearance before rounding, and what decides."""
-        raise NotImplementedError(f"{type(self).__name__} does not say what decides")
+        """The clearance before rounding."""
+        return f"calculated: {self.clearance}{self.of_widest}"
+
+    def decides(self) -> str:
+        """What decides the clearance, in words; empty where that is not a part of the mission."""
+        return ""
 
     def summary(self) -> str:
         """The same as `verdict`."""
@@ -855,7 +887,7 @@ class Sizing(ClearanceAnswer):
         """The tolerances of the clearances to make, in words; empty without."""
         if self.allowed == Tolerances():
             return ""
-        return f" within all tolerances ({self.allowed.in_words()})"
+        return f" within {self.allowed.in_words()}"
 
     @property
     def seed(self) -> int:
@@ -911,40 +943,28 @@ class Sizing(ClearanceAnswer):
                 rows.append(here | places)
         return rows
 
-    def verdict(self) -> str:
-        """The clearances to make and the risk that they keep, in one sentence, after a record that
-        does not agree with Gaussian noise."""
-        return self._after_record() + self._to_make()
-
-    def _to_make(self) -> str:
+    def for_noise(self) -> str:
         """The clearances to make and the risk that they keep, in words."""
         if self.production is not None:
             return self.production.summary()
-        made, target, mission, within = self.widest, self.target, self.mission, self.within
-        if made is None:
-            return f"the clearance that keeps the target{within} was not found; raise budget"
+        target, mission, within = self.target, self.mission, self.within
+        if self.widest is None:
+            return f"No clearance was found that keeps the target{within}; raise budget."
+        kept = f"{target.kept(mission)}{within}"
         if self.worst_case is not None and self.worst_case["note"].iloc[-1]:
             return (
-                f"clearance: {made} from the static equilibrium{within}, which was not shown "
-                f"to keep {target.kept(mission)} as accurately as asked for; raise budget"
+                f"{self.to_make}, which was not shown as accurately as asked for; raise budget. "
+                f"{capital(kept)}."
             )
-        if self.kept_with is not None and target.exceedance is not None:
-            kept = (
-                f"the probability that any {target.name.replace('_', ' ')} of "
-                f"{spoken_mission(mission)} exceeds {target.limit} is {self.kept_chance()} there"
-            )
-            places = self._places() if self.several else str(made)
-            if not self.shown_to_keep:
-                return (
-                    f"no clearance was shown to keep the target{within}: {places} from the static "
-                    f"equilibrium were tried, and {kept}; raise budget"
-                )
-            first, are = ("clearances", "are") if self.several else ("clearance", "is")
-            return (
-                f"{first}: {places} from the static equilibrium{within} {are} enough, and less may "
-                f"be; {kept}"
-            )
-        return f"{self.to_make} {target.kept(mission)}{within}"
+        if self.kept_with is None:
+            return self._kept(kept, target.accepted, " as stated" * self.varies)
+        if self.shown_to_keep:
+            return f"{self.to_make}; less may be enough. {capital(kept)}."
+        places = self._places() if self.several else self.widest
+        return (
+            f"No clearance was shown to keep the target{within}; raise budget. How likely "
+            f"{target.event} in {spoken_mission(mission)} is at {places} is not known well enough."
+        )
 
     def _places(self) -> str:
         """The clearances, rounded up; one number where all sized pairs have it in common."""
@@ -953,63 +973,32 @@ class Sizing(ClearanceAnswer):
             set(made) == set(self.common) and len({str(each) for each in made.values()}) == 1
         )
         if in_common and len(made) > 1:
-            return f"{next(iter(made.values()))} for all {len(made)} pairs in common,"
+            return f"{next(iter(made.values()))} at all {len(made)} pairs in common"
         return places_in_words(made)
 
     def _beside(self) -> str:
         """What stays as it is, in words."""
-        return "" if self.pair is None else ", with the other stops as they are,"
+        return "" if self.pair is None else ", with the other stops as they are"
 
     def calculated(self) -> str:
-        """Evidence for the clearances to make: those calculated for the scene as stated, the
-        impacts to expect there, and what three sigma would do."""
-        return self._of_pairs() if self.several else self._of_one_gap()
-
-    def _of_one_gap(self) -> str:
-        """That of one mass; three sigma is judged by the quantity of the target."""
-        three, hits = self.three_sigma, self.expected_hits
-        place = f"3 sigma = {LENGTH.text(three.clearance)}"
-        mission = spoken_mission(self.mission)
-        expected = f"{self.expected_in_words()} impacts expected there in {mission}"
-        there = [] if hits is None else [expected]
-        if self.target.name == "probability":
-            chance = spoken_percent(three.probability.value)
-            often = "" if three.hits is None else f", {three.hits.value:.3g} impacts expected"
-            rule = [f"{place} is hit with a probability of {chance} in {mission}{often}"]
-        else:
-            rule = [] if three.hits is None else [f"{three.hits.value:.3g} at {place}"]
-        joint = "; " if self.target.name == "probability" else ", "
-        return "; ".join(filter(None, [self._answer(), joint.join([*there, *rule])]))
-
-    def _of_pairs(self) -> str:
-        """That of several gaps."""
-        mission = spoken_mission(self.mission)
+        """Evidence for the clearances to make: those calculated for the scene as stated, and the
+        impacts to expect there."""
         low, high = (self.clearances[name] for name in self.extremes())
-        text = f"{self._first_word}: {LENGTH.text(low.value)}"
-        text += f" to {LENGTH.text(high.value)}" if high.value > low.value else ""
-        if self.expected_hits is not None and self.target.name != "rate":
-            text += f", where {self.expected_in_words()} impacts are expected in {mission}"
-        return (
-            f"{text}; at 3 sigma of every gap any is hit in {mission} with a probability of "
-            f"{spoken_percent(self.three_sigma.probability.value)}"
-        )
-
-    @property
-    def _first_word(self) -> str:
-        return "calculated as stated" if self.varies else "calculated"
-
-    def _answer(self) -> str:
-        """The calculated clearance with its interval, in words."""
-        c = self.clearance
-        first = f"{self._first_word}: {LENGTH.text(c.value)}"
-        in_sigma = f"{c.value / self.sigma:.3g} sigma"
-        if self.kept_with is None:
-            interval = f"{LENGTH.span(c.lower, c.upper)}, 95 %"
-            return f"{first} ({interval}), {in_sigma}"
-        shown = f"a probability of {spoken_percent(self.kept_with.value)}"
-        if self.kept_with.upper_95 is not None:
-            shown = f"95 % limit of the probability: {spoken_percent(self.kept_with.upper_95)}"
-        return f"{first}, {in_sigma}, {shown}"
+        text = f"calculated{' as stated' * self.varies}: {LENGTH.text(low.value)}"
+        if self.several:
+            text += f" to {LENGTH.text(high.value)}" if high.value > low.value else ""
+        elif self.kept_with is None:
+            interval = f"{LENGTH.span(low.lower, low.upper)}, 95 %"
+            text += f" ({interval}), {low.value / self.sigma:.3g} sigma"
+        else:
+            most = self.kept_with.upper_95
+            limit = "95 % limit of the probability:" if most else "a probability of"
+            chance = spoken_percent(most or self.kept_with.value)
+            text += f", {low.value / self.sigma:.3g} sigma, {limit} {chance}"
+        if self.expected_hits is None or (self.several and self.target.name == "rate"):
+            return text
+        mission = spoken_mission(self.mission)
+        return f"{text}; {self.expected_in_words()} impacts expected there in {mission}"
 
     def expected_in_words(self) -> str:
         """The number of expected impacts; where too few were seen, the limits that are known: each
@@ -1018,18 +1007,10 @@ class Sizing(ClearanceAnswer):
         if found is None:
             return "an unknown number of"
         if found.upper_95 is None:
-            return f"{found.value:.3g}"
+            return count_of(found.value)
         # the number of first impacts, which those that follow add to
         first = -math.log1p(-min(self.any_hit or 0.0, NEARLY_CERTAIN))
         return f"{first:.2g} to {found.upper_95:.2g}"
-
-    def kept_chance(self) -> str:
-        """The probability with which the limit of the target may be exceeded at the clearance, in
-        words: that which was accepted, below it, or none that is known well enough."""
-        accepted = spoken_percent(self.target.exceedance or 0.0)
-        if self.kept_with is None:
-            return accepted
-        return f"below {accepted}" if self.shown_to_keep else "not known well enough"
 
     @property
     def shown_to_keep(self) -> bool:
@@ -1044,15 +1025,6 @@ class Sizing(ClearanceAnswer):
     def to_frame(self) -> DataFrame:
         """The curve of risk against clearance."""
         return self.curve
-
-    def __repr__(self) -> str:
-        if self.made is None or self.target.name != "probability" or self.production is not None:
-            return super().__repr__()
-        chance, mission = spoken_percent(self.target.value), spoken_mission(self.mission)
-        at = LENGTH.text(self.clearance.value, ".3g")
-        make = self._places() if self.several else self.made
-        widest = f", {self.extremes()[1]}" if len(self.clearances) > 1 else ""
-        return f"Sizing: make {make} ({chance} in {mission}{widest} at {at})"
 
     def _shown(self) -> DataFrame:
         return self.pairs if self.several else self.required
@@ -1074,14 +1046,14 @@ PairsSizing = Sizing
 """The name that sizings of several pairs had."""
 
 
-def _stops_in_toml(scene: Scene, places: Mapping[str, float]) -> str:
-    """Positions of stops for a scene file, with the distributions that the scene states for
-    them."""
-    stated = dict(scene.impact_pairs[0]) if scene.impact_pairs else {}
-    return ", ".join(
-        f"{side} = {in_toml(moved(stated.get(side, 0.0), place))}" for side, place in places.items()
-    )
+def _in_three(length: float) -> str:
+    """A length with three digits, trailing zeros included; four above 999."""
+    form = "#.3g" if LENGTH(length) < 1000.0 else "#.4g"
+    return LENGTH.text(length, form).replace(". ", " ")
 
+
+THIRD_DIGIT = 5e-3
+"""Length of an interval over its value from which on it changes the third digit."""
 
 MOST_NAMED = 3
 """Most pairs whose clearances a sentence lists; beyond that it names the smallest and the
@@ -1096,10 +1068,26 @@ def widest_of(made: Mapping[str, RoundedClearance]) -> RoundedClearance | None:
 def places_in_words(made: Mapping[str, RoundedClearance]) -> str:
     """The clearances of several pairs; of many pairs the smallest and the largest."""
     if len(made) <= MOST_NAMED:
-        return ", ".join(f"{name} {place}" for name, place in made.items())
+        return ", ".join(f"{place} at {name}" for name, place in made.items())
     low, *_, high = sorted(made, key=lambda name: made[name].value)
-    first = f"{len(made)} pairs, each with its own (see the table)"
-    return f"{first}, from {low} {made[low]} to {high} {made[high]}"
+    first = f"from {made[low]} at {low} to {made[high]} at {high}"
+    return f"{first}, each of {len(made)} pairs its own (see the table)"
+
+
+def sides_in_words(scene: Scene, names: Collection[str]) -> str:
+    """On which sides of pairs with these names clearances are made, and from where where that is
+    not the unloaded spring."""
+    pairs = [pair for pair in scene.expanded.impact_pairs if pair.name in names]
+    sides = {tuple(side for side, _ in pair.stops()) for pair in pairs} or {SIDES}
+    words, datum = "on each side", " of the static equilibrium"
+    if sides != {SIDES}:
+        ((side, *_),) = sides if len(sides) == 1 else [("",)]
+        words, datum = f"to {f'the {side}' if side else 'each'} stop", datum.replace("of", "from")
+    return words + datum * bool(np.any(np.abs(mean_gaps(model_of(scene))) > UNFELT))
+
+
+UNFELT = 1e-9
+"""Largest distance of a static equilibrium from the unloaded spring, m, that no sentence names."""
 
 
 # ------------------------------------------------------------------------------
@@ -1176,23 +1164,20 @@ class DamageSizing(ClearanceAnswer):
         """The clearances that were tried."""
         return self.tried
 
-    def verdict(self) -> str:
-        """The clearance to make and what it keeps, in one sentence."""
+    def for_noise(self) -> str:
+        """The clearance to make and the damage that it keeps, in words."""
         f = self.damage.equipment_frequency_hz
         band = f"{f[0]:.4g} Hz" if len(f) == 1 else f"{f[0]:.4g} to {f[-1]:.4g} Hz"
-        return self._after_record() + (
-            f"{self.to_make} the damage of equipment at {band} within {self.ratio:.4g} times that "
-            "without stops"
+        times = f"{self.ratio:.4g} times"
+        return self._kept(
+            f"damage of equipment at {band}: less than {times} that without stops", times
         )
 
-    def calculated(self) -> str:
-        """The clearance before rounding, and the equipment that decides."""
-        place = self.clearance.value
-        near = self.tried.iloc[int(np.argmin(np.abs(self.tried["clearance"] - place)))]
-        return (
-            f"calculated: {self.clearance}, {place / self.sigma:.3g} sigma; equipment of "
-            f"{near['frequency_hz']:.4g} Hz decides, in a mission of {spoken_mission(self.mission)}"
-        )
+    def decides(self) -> str:
+        """The equipment that decides."""
+        apart = np.abs(self.tried["clearance"] - self.clearance.value)
+        near = self.tried.iloc[int(np.argmin(apart))]
+        return f"Equipment of {near['frequency_hz']:.3g} Hz decides"
 
 
 # ------------------------------------------------------------------------------
@@ -1273,20 +1258,19 @@ class MissionSizing(ClearanceAnswer):
         """The phases."""
         return self.phases
 
-    def verdict(self) -> str:
-        """The clearance to make and the risk that it keeps, in one sentence."""
-        over = f", over {len(self.phases)} phases" if len(self.phases) > 1 else ""
-        return f"{self._after_record()}{self.to_make} {self.target.kept(self.mission)}{over}"
+    def for_noise(self) -> str:
+        """The clearance to make and the risk that it keeps, in words."""
+        over = f" over {len(self.phases)} phases" if len(self.phases) > 1 else ""
+        return self._kept(f"{self.target.kept(self.mission)}{over}", self.target.accepted)
 
-    def calculated(self) -> str:
-        """The clearance before rounding, and the phase that decides."""
-        place = f"calculated: {self.clearance}{self.of_widest}"
+    def decides(self) -> str:
+        """The phase that decides; empty of one phase."""
         if len(self.phases) == 1:
-            return place
+            return ""
         most = self.phases.iloc[int(np.argmax(self.phases["share"]))]
+        share = spoken_percent(most["share"])
         return (
-            f"{place}; phase {most['phase']} of "
-            f"{spoken_mission(most['duration'])} has {spoken_percent(most['share'])} of the risk"
+            f"Phase {most['phase']} of {spoken_mission(most['duration'])} has {share} of the risk"
         )
 
 

@@ -1141,12 +1141,8 @@ def _estimate(answer: Response, quantity: str, factor: float) -> Estimate | None
 
 
 def _warnings(sizing: Sizing) -> tuple[str, ...]:
-    """Warnings of the sizing, of the screening and of measured records, each once."""
-    record = sizing.record
-    found = [record.sentence()] if record is not None and not record.agrees else []
-    found += sizing.warnings
-    found += sizing.screening.notes
-    return tuple(dict.fromkeys(found))
+    """Warnings of the sizing and of the screening, each once."""
+    return tuple(dict.fromkeys([*sizing.warnings, *sizing.screening.notes]))
 
 
 def _assumptions(sizing: Sizing) -> tuple[str, ...]:

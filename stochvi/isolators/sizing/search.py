@@ -708,8 +708,8 @@ class SizingJob:
         """The refusal of a target that the farthest place misses."""
         return NotApplicable(
             "size",
-            [f"no clearance that is tried keeps {self.target.kept(self.mission)}: at the "
-             f"largest ones it is missed by a factor of {math.exp(excess):.3g}; ask for less, "
+            [f"no clearance that is tried keeps the target ({self.target.kept(self.mission)}): at "
+             f"the largest ones it is missed by a factor of {math.exp(excess):.3g}; ask for less, "
              "or move the other stops"],
         )  # fmt: skip
 

@@ -1236,8 +1236,8 @@ class PricedRounds:
         return min(found), max(found)
 
     def seconds_to(self, target: float, error: float, shift: float = 0.0) -> float:
-        """Wall time of a run to a relative error, where the pilot has this one, and biases are
-        larger by so many of their standard errors."""
+        """Wall time of a run to a relative error, where the pilot has this one. A `shift` makes
+        biases larger by so many of their standard errors."""
         simulation, plan = self.simulation, self.plan
         exposure = simulation.exposure / plan.duration
         error *= math.sqrt(exposure)  # of one whole path

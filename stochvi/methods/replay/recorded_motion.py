@@ -366,7 +366,9 @@ class Replay(Result):
                 f"{LENGTH.text(each.clearance or 0.0)}"
                 for each in self.clearances
             ]
-            return f"replay of {self.duration:.4g} s of record: impacts {', '.join(hits)} per side"
+            return (
+                f"replay of {self.duration:.4g} s of record: impacts {', '.join(hits)} on each side"
+            )
         moved = [f"{name} from {each.reach(name)}" for name, each in self.coordinates.items()]
         hit = [_impacts_in_words(name, each) for name, each in self.impact_pairs.items()]
         return f"replay of {self.duration:.4g} s of record: {'; '.join([*moved, *hit])}"

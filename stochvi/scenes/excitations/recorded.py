@@ -230,11 +230,10 @@ class RecordedNoise(DensityNoise):
             return tuple(found)
         bins = self._bins(*(omega, damping_rate) if alone else (0.0, 0.0))
         wanted = wanted_resolution(omega, damping_rate)
-        error, bias = response_error(record, bins, omega, damping_rate)
+        error, _ = response_error(record, bins, omega, damping_rate)
         found.append(
-            f"the length of the record leaves the rms response, and with it every clearance, "
-            f"uncertain by {50.0 * error:.2g} % (standard error; {50.0 * bias:+.1g} % bias of its "
-            "window); the intervals of computed results do not include that"
+            f"the length of the record leaves rms and clearances {50.0 * error:.2g} % uncertain, "
+            "beyond their intervals"
         )
         natural = omega / (2.0 * math.pi)
         if 0.5 * record.fs < natural:

@@ -30,6 +30,7 @@ from stochvi.views.axes import (
 from stochvi.views.isolator_tables import (
     clearance_told,
     production_section,
+    record_told,
 )
 from stochvi.views.pages import (
     Fact,
@@ -252,7 +253,9 @@ def reliability_page(
     noise, own = "", []
     if record is not None and not record.agrees:
         noise, own = "; for Gaussian noise alone", record_cards(record)
-        told = replace(told, verdict=f"{record.sentence()}. {told.verdict}", alarm=True)
+        alarm = record_told(record)
+        lines = [*alarm.statements, record.sentence(), told.verdict, *told.statements]
+        told = replace(told, verdict=alarm.verdict, statements=lines, alarm=True)
     cards = [
         Fact(f"Probability of {event_in_words(c)}", chance_of(c), f"{interval_of(c)}{noise}")
         for c in found.chances.values()
@@ -334,7 +337,7 @@ def replay_page(
     (motion,) = told.sections
     told = replace(told, sections=[replace(motion, pictures=_replay_pictures(found, scene))])
     if record is not None:
-        told = replace(told, statements=[record.sentence()])
+        told = replace(told, statements=[*told.statements, record.sentence()])
     other = (
         "Another record of the same kind does something else: the peaks of one record are no "
         "probability"

@@ -12,6 +12,7 @@ from stochvi.isolators.sizing.answer import (
     ClearanceAnswer,
     Sizing,
     places_in_words,
+    sides_in_words,
 )
 from stochvi.mathematics.units import ACCELERATION, LENGTH, SPEED, spoken_mission
 from stochvi.results.estimates import spoken_percent
@@ -33,8 +34,8 @@ from stochvi.views.schematic import (
 from stochvi.views.sizing import plot_input, plot_response
 from stochvi.views.tables import (
     UNKNOWN,
-    chance_of_stops,
     equilibrium_in_words,
+    hit_in_words,
     limits_of,
     spoken_length,
 )
@@ -71,20 +72,12 @@ def record_cards(
 
 
 def _card(where: str, record: RecordVerdict, more: str) -> Fact:
-    judged = (
-        "contradicts"
-        if record.contradicts
-        else "agrees with"
-        if record.agrees
-        else "is too short to be judged against"
-    )
-    sides = record.needed_on_each_side or "per side"
     return Fact(
         f"The record itself needs{where}",
         record.needed,
-        f"{sides}, from the static equilibrium; it moves {record.peak_in_sigma:.3g} sigma and "
-        f"{judged} Gaussian noise, which would "
-        f"move {record.expected_peak_in_sigma:.3g} in its time; response kurtosis "
+        f"{record.needed_by_side}, from the static equilibrium; {record.headline()}: it moves "
+        f"{record.peak_in_sigma:.3g} sigma, where Gaussian noise would move "
+        f"{record.expected_peak_in_sigma:.3g} in its time; response kurtosis "
         f"{record.kurtosis:.3g}, 3 ± {record.kurtosis_error:.2g} for Gaussian noise{more}",
     )
 
@@ -109,7 +102,7 @@ def _purpose(found: ClearanceAnswer) -> str:
 def _place(found: ClearanceAnswer) -> list[Fact]:
     """The clearance of the only pair to make, and as calculated."""
     made, c, name = found.widest, found.clearance, f"Clearance {_purpose(found)}"
-    sides = "per side, " if len(found.sides) > 1 else ""
+    sides = sides_in_words(found.hanging, found.clearances)
     enough = within = stated = sigmas = ""
     interval = f"{limits_of(c.lower, c.upper)} (95 % of the calculation)"
     if isinstance(found, Sizing):
@@ -124,7 +117,7 @@ def _place(found: ClearanceAnswer) -> list[Fact]:
         why = f"{made} was not shown to keep the target; raise the budget"
         first = Fact(name, UNKNOWN, why)
     else:
-        rests = f"{enough}{sides}from the static equilibrium; {within}"
+        rests = f"{enough}{sides}; {within}"
         first = Fact(name, str(made), f"{rests}rounded up to {made.step_in_words}")
     calculated = f"{stated}{interval}{sigmas}"
     return [first, Fact("Calculated as stated", spoken_length(c.value), calculated)]
@@ -148,7 +141,7 @@ def _places(found: ClearanceAnswer) -> list[Fact]:
             Fact(
                 f"Clearance of {name} {_purpose(found)}",
                 str(made[name]),
-                f"per side, from the static equilibrium; calculated {LENGTH.text(each.value)}, "
+                f"{sides_in_words(found.hanging, [name])}; calculated {LENGTH.text(each.value)}, "
                 f"{LENGTH.span(each.lower, each.upper)}, 95 %",
             )
         )
@@ -304,9 +297,9 @@ def gap_section(review: Review) -> Section:
             )
         facts.append(
             Fact(
-                "Any impact with the stops of the scene",
-                chance_of_stops(sizing),
-                f"probability in {spoken_mission(sizing.mission)}, each side by its own distance",
+                "Stops of the scene",
+                hit_in_words(sizing.gap.probability),
+                f"in {spoken_mission(sizing.mission)}, each side by its own distance",
             )
         )
     rest = (

@@ -21,7 +21,7 @@ from stochvi.mathematics.units import (
     spoken_mission,
 )
 from stochvi.results.base import DataFrame, Response, is_speed, named_with_units, plain, stacked
-from stochvi.results.estimates import GAUSSIAN_95, spoken_percent
+from stochvi.results.estimates import GAUSSIAN_95, count_of, spoken_percent
 from stochvi.results.files import Origin, origin_of
 from stochvi.views.files import try_picture, write_table
 from stochvi.views.isolator_tables import screening_section, sizing_told
@@ -61,16 +61,14 @@ from stochvi.views.sizing import (
 from stochvi.views.tables import (
     OF_ONE_MOUNT,
     UNKNOWN,
-    count_of,
     four_digits,
     names_of_places,
     spoken_length,
-    with_article,
     with_interval,
 )
 
 if TYPE_CHECKING:
-    from stochvi.isolators.sizing.answer import Sizing, Target
+    from stochvi.isolators.sizing.answer import Sizing
     from stochvi.isolators.sizing.review import (
         Balance,
         Chance,
@@ -228,12 +226,6 @@ def _digits(name: str, quantity: ShownQuantity) -> Callable[[Mapping[str, Any]],
     return lambda row: f"{quantity(row[name]):.3g}" if name in row else None
 
 
-def limit_in_words(target: Target) -> str:
-    """The limit of a target: an acceleration in g, a speed in m/s, unless units are chosen."""
-    limited = target.exceedance is not None
-    return target.in_g if limited and not is_speed(target.name) else target.limit
-
-
 def hard_hits_section(review: Review) -> Section:
     """Probabilities that the hardest impact of the mission exceeds a limit, with their pictures."""
     title, table = "Hard impacts", review.exceedances
@@ -252,8 +244,8 @@ def hard_hits_section(review: Review) -> Section:
     mission = spoken_mission(review.sizing.mission)
     return Section(
         title=title,
-        lead=f"The probability that any impact of the mission ({mission}) has "
-        f"{with_article(what)} above a limit, with the law of the stops; 95 % intervals below. "
+        lead=f"The probability that the {what} of any impact of the mission ({mission}) exceeds "
+        "a limit, with the law of the stops; 95 % intervals below. "
         "Clusters of impacts were simulated with fast first impacts drawn more often and "
         "weighted; where clusters follow without a pause, the whole motion.",
         grids=Grid.across(
@@ -411,7 +403,7 @@ def sizing_page(
         ]  # fmt: skip
         limits = [*OF_PAIRS, *sizing.scene.assumptions()]
     else:
-        told = replace(told, warnings=[*_failed_balances(review), *_new_warnings(review)])
+        told = replace(told, warnings=[*_failed_balances(review), *review.warnings])
         cards = _cards(review)
         sections = [
             stops_section(review), hard_hits_section(review), peaks_section(review),
@@ -436,12 +428,6 @@ def sizing_page(
 
 
 # Verdict ----------------------------------------------------------------------------------
-
-
-def _new_warnings(review: Review) -> list[str]:
-    """The warnings of a review that its verdict does not hold."""
-    verdict = review.sizing.verdict()
-    return [text for text in review.warnings if text not in verdict]
 
 
 def _failed_balances(review: Review) -> list[str]:
@@ -480,17 +466,15 @@ def _risk_card(review: Review) -> Fact:
     noise = "" if sizing.doubtful is None else ", for Gaussian noise alone"
     remark = f"at the calculated clearance{noise}; expected impacts there: {count}"
     if target.exceedance is None:
-        chance = _chance(review.chances["recommended"].any_hit)
-        return Fact(f"Probability of any impact in {mission}", chance, remark)
+        chance = review.chances["recommended"].any_hit
+        value = UNKNOWN if chance is None else spoken_percent(chance)
+        return Fact(f"Probability of any impact in {mission}", value, remark)
+    kept = target.accepted if sizing.kept_with is None else f"below {target.accepted}"
     return Fact(
-        f"Probability of exceeding {limit_in_words(target)} in {mission}",
-        sizing.kept_chance(),
+        f"Probability of exceeding {target.short} in {mission}",
+        kept if sizing.shown_to_keep else "not known well enough",
         remark,
     )
-
-
-def _chance(probability: float | None) -> str:
-    return UNKNOWN if probability is None else spoken_percent(probability)
 
 
 # Linear screening and risk ----------------------------------------------------------------
