@@ -224,6 +224,36 @@ def test_static_shapes_are_no_modes_of_0_hz(tmp_path: Path) -> None:
         Modes(file=str(path), points={"a": "1.z"}, zeta=0.01)
 
 
+@pytest.mark.parametrize(
+    ("angles", "bends"),
+    [
+        ([[1.0, 1.0, 1.0], [0.0, 0.0, 0.0], [1.0, 1.0 + 1e-6, 1.0]], 0),
+        ([[1.0, 1.0, 0.0], [1e-8, -1e-8, 0.0], [2.0, 2.0, 2.0]], 0),  # rounding; no rotations
+        ([[1.0, 0.5, 0.2], [0.0, 0.0, 0.0], [1.0, 1.0, 1.0]], 1),
+        ([[1.0, 0.5, 0.2], [0.3, 0.1, -0.3], [1.0, 1.0, 1.0]], 2),
+    ],
+)  # fmt: skip
+def test_a_shape_of_0_hz_whose_nodes_turn_by_different_angles_is_static(
+    tmp_path: Path, angles: list[list[float]], bends: int
+) -> None:
+    path = tmp_path / "reduced.exo"
+    with netcdf_file(str(path), "w") as file:
+        for name, size in (("num_nodes", 3), ("num_nod_var", 2), ("len_name", 8), ("time", 5)):
+            file.createDimension(name, size)
+        file.createVariable("time_whole", "f8", ("time",))[:] = [0.0] * 3 + [20.0, 30.0]
+        names = [list(each.ljust(8, chr(0))) for each in ("DispZ", "RotX")]
+        file.createVariable("name_nod_var", "c", ("num_nod_var", "len_name"))[:] = names
+        file.createVariable("vals_nod_var1", "f8", ("time", "num_nodes"))[:] = np.ones((5, 3))
+        turned = np.vstack([angles, [[1.0, 0.5, 0.0], [1.0, -1.0, 1.0]]])  # of modes they differ
+        file.createVariable("vals_nod_var2", "f8", ("time", "num_nodes"))[:] = turned
+    points = {"a": "1.z"}
+    if not bends:
+        assert Modes(file=str(path), points=points, zeta=0.01).frequency_hz[:3] == (0.0, 0.0, 0.0)
+        return
+    with pytest.raises(SceneError, match=rf"got 3 shapes of 0 Hz, {bends} of which bends? the str"):
+        Modes(file=str(path), points=points, zeta=0.01)
+
+
 def test_a_shape_of_0_hz_that_counts_as_a_free_motion_is_told(tmp_path: Path) -> None:
     nodes = {"a": "11.z"}
     free = Modes(file=str(write_exodus(tmp_path / "chain.exo")), points=nodes, zeta=0.01)

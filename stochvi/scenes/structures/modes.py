@@ -59,6 +59,9 @@ RIGID_MOTION = 1e-6
 """Frequency of a mode, by that of the highest mode of its file, below which it is rounding for 0:
 no spring holds this motion. Finite elements leave 1e-7 or so."""
 
+UNEVEN_TURN = 0.1
+"""Share of the largest angle by which the nodes of a rigid body may differ, by rounding."""
+
 NODE = re.compile(r"(\d+)\.(-?)(r?[xyz])")
 """How a node and a direction are written."""
 
@@ -137,13 +140,18 @@ def _from_shapes(
         )
     frequency = np.array([each.facts["frequency_hz"] for each in modes])
     frequency = np.where(frequency < RIGID_MOTION * frequency.max(), 0.0, frequency)
-    free = int(np.sum(frequency == 0.0))
-    if free > len(DIRECTIONS):
+    free = [each for each, hz in zip(modes, frequency, strict=True) if hz == 0.0]
+    bent = sum(_bends(each.y) for each in free)
+    if bent or len(free) > len(DIRECTIONS):
+        can = (
+            f"{bent} of which {'bends' if bent == 1 else 'bend'} the structure, which is no free "
+            "motion: they" if bent else
+            f"of which at most {len(DIRECTIONS)} can be free motions: the others"
+        )  # fmt: skip
         raise SceneError(
-            f"{path} must hold natural modes, got {free} shapes of 0 Hz, of which at most "
-            f"{len(DIRECTIONS)} can be free motions: the others are static ones, as of a "
-            "Craig-Bampton reduction; export the natural modes alone, or the matrices (kind = "
-            '"matrices")'
+            f"{path} must hold natural modes, got {len(free)} shapes of 0 Hz, {can} are static "
+            "ones, as of a Craig-Bampton reduction; export the natural modes alone, or the "
+            'matrices (kind = "matrices")'
         )
     found: dict[str, Any] = {
         "frequency_hz": frequency.tolist(),
@@ -158,6 +166,16 @@ def _from_shapes(
     if any(ratios):
         found["zeta"] = ratios
     return found
+
+
+def _bends(shape: Matrix) -> bool:
+    """Whether nodes of a shape turn by different angles, as those of a rigid body do not. Nodes
+    that do not turn may be of elements without rotations."""
+    turns = shape[np.any(shape[:, 3:], axis=1), 3:]
+    largest = np.abs(turns).max(initial=0.0)
+    if len(turns) < 2 or largest < RIGID_MOTION * np.abs(shape).max():
+        return False
+    return bool(np.ptp(turns, axis=0).max() > UNEVEN_TURN * largest)
 
 
 def _motion(path: Path, mode: Foreign, place: str) -> float:
