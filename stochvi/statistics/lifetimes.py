@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, replace
 from typing import Any, NamedTuple, Unpack
 
 import numpy as np
@@ -30,7 +30,7 @@ from stochvi.methods.periodic.attracted import (
 from stochvi.methods.periodic.family import States
 from stochvi.model.coverage import not_gaussian
 from stochvi.model.model import model_of
-from stochvi.results.base import DataFrame, Result, frame_of
+from stochvi.results.base import DataFrame, Result, frame_of, stated
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import GAUSSIAN_95, binomial_interval, poisson_interval, provenance
@@ -190,11 +190,15 @@ class Destination:
     stochvi.statistics.lifetimes : The answer that holds it.
     """
 
-    regime: str
+    regime: str = stated("they go to", "", MISSING)
     paths: int
-    share: float
-    share_low: float
-    share_high: float
+    share: float = stated("share", "", MISSING)
+    share_low: float = stated("share from", "", MISSING)
+    share_high: float = stated("share to", "", MISSING)
+
+
+NOWHERE = Destination(regime="", paths=0, share=math.nan, share_low=math.nan, share_high=math.nan)
+"""Destination of a regime that no path left."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,14 +227,14 @@ class LifeTime:
     stochvi.statistics.lifetimes : The answer that holds it.
     """
 
-    regime: str
+    regime: str = stated("regime", "", MISSING)
     kind: str
     impact_speed_max: float
-    life_time: float | None
-    life_time_low: float
-    life_time_high: float | None
-    left: int
-    paths: int
+    life_time: float | None = stated("life time", "s", MISSING)
+    life_time_low: float = stated("95 % from", "s", MISSING)
+    life_time_high: float | None = stated("to", "s", MISSING)
+    left: int = stated("paths left", "", MISSING)
+    paths: int = stated("of", "", MISSING)
     watched: float
     destinations: tuple[Destination, ...]
 
@@ -261,6 +265,11 @@ class LifeTimes(Result):
     frequency_hz: float
     outside: float
     assumptions: Sequence[str] = ()
+
+    @property
+    def departures(self) -> list[tuple[LifeTime, Destination]]:
+        """Each regime with each destination, or with none."""
+        return [(each, to) for each in self.regimes for to in each.destinations or (NOWHERE,)]
 
     def to_frame(self) -> DataFrame:
         """One row for each regime and each destination; one for a regime that no path left."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, replace
 from functools import cached_property
 from typing import Unpack
 
@@ -19,7 +19,7 @@ from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal
 from stochvi.model.coverage import functions_of_arrays, linear_system
 from stochvi.model.coverage import growth as growth_of_moments
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import DataFrame, Result, frame_of
+from stochvi.results.base import DataFrame, Result, frame_of, quantities_of, stated
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, provenance
 from stochvi.sampling.calculations import AccuracyOptions, Sampler, calculation
@@ -64,9 +64,9 @@ class Stability(Result):
 
     kind = "stability"
 
-    lyapunov_exponent: Estimate
-    mean_growth: Estimate | None
-    mean_square_growth: Estimate | None
+    lyapunov_exponent: Estimate = stated("almost every motion", "1/s", MISSING)
+    mean_growth: Estimate | None = stated("mean", "1/s", MISSING)
+    mean_square_growth: Estimate | None = stated("mean squares", "1/s", MISSING)
     assumptions: Sequence[str] = ()
 
     def summary(self) -> str:
@@ -87,11 +87,7 @@ class Stability(Result):
     @property
     def rates(self) -> dict[str, Estimate]:
         """Rates that are known, by name."""
-        found = {
-            "lyapunov_exponent": self.lyapunov_exponent,
-            "mean_growth": self.mean_growth,
-            "mean_square_growth": self.mean_square_growth,
-        }
+        found = {name: getattr(self, name) for name in quantities_of(Stability)}
         return {name: each for name, each in found.items() if each is not None}
 
     def to_frame(self) -> DataFrame:

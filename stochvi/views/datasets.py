@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stochvi.mathematics.units import ShownQuantity, readable, shown_as
+from stochvi.mathematics.units import NUMBER, ShownQuantity, readable, shown_as
 from stochvi.results.base import (
     RESPONSE_QUANTITIES,
     DataFrame,
     Result,
+    frame_of,
     unit_of_column,
     with_unit,
 )
@@ -38,9 +39,7 @@ from stochvi.views.tables import (
     NEGLIGIBLE,
     NEVER_SEEN,
     QUANTITY_NAMES,
-    Heading,
     value_with_error,
-    with_headings,
 )
 
 if TYPE_CHECKING:
@@ -138,7 +137,12 @@ def terminal_table(table: DataFrame, keys: Sequence[str]) -> DataFrame:
         estimate = Estimate(value=value, standard_error=error or 0.0, bias=bias, upper_95=limit)
         return value_with_error(estimate)
 
-    found = with_headings(table, {key: _heading_of_key(key) for key in keys})
+    found = frame_of(
+        {
+            quantity.heading(key): quantity(table[key])
+            for key, quantity in zip(keys, map(_quantity_of_key, keys), strict=True)
+        }
+    )
     for quantity in quantities(table):
         if quantity.rsplit(".", 1)[1] in ON_TERMINAL:
             shown = [quantity, *(f"{quantity}.{end}" for end in (ERROR, BIAS, LIMIT))]
@@ -260,10 +264,10 @@ def _title(table: DataFrame, drawn: Sequence[str], title: str) -> str:
     return f"{title}\n{how}" if title else how
 
 
-def _heading_of_key(key: str) -> Heading:
-    """The key with the unit of its values, unless its name states it."""
+def _quantity_of_key(key: str) -> ShownQuantity:
+    """The quantity of the values of a key; a number where its name states the unit."""
     unit = unit_of_key(key)
-    return key if unit is None or key.endswith(UNIT_ENDINGS) else (f"{key} ()", shown_as(unit))
+    return NUMBER if unit is None or key.endswith(UNIT_ENDINGS) else shown_as(unit)
 
 
 def unit_of_key(key: str) -> str | None:

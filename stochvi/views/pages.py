@@ -9,15 +9,16 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from rich.cells import cell_len
 
-from stochvi.results.base import DataFrame, Result, plain, rows_of
-from stochvi.results.estimates import NO_VALUE, capital
+from stochvi.mathematics.units import NUMBER, ShownQuantity, shown_as
+from stochvi.results.base import DataFrame, Result, plain, quantities_of, rows_of
+from stochvi.results.estimates import NO_VALUE, Estimate, capital, plus_minus
 from stochvi.views.files import time_for_pictures, to_json, write_report_page, write_text
 
 if TYPE_CHECKING:
@@ -98,6 +99,28 @@ class Grid:
         return [cls(caption=caption, headings=headings, rows=found, words=words, alarms=alarms)]
 
     @classmethod
+    def stated(
+        cls, caption: str, rows: Sequence[tuple[Any, ...]], words: int | Collection[str] = 1
+    ) -> list[Self]:
+        """A table whose rows are parts of an answer, by the words and units that their classes
+        state, in the units that are shown.
+
+        >>> from stochvi.results.base import CoordinateResponse
+        >>> motion = CoordinateResponse(velocity_std=Estimate(value=2.0, standard_error=0.1))
+        >>> found = Grid.stated("motion", [(motion,)])[0].known()
+        >>> found.headings, found.rows
+        (['rms velocity (m/s)'], [['2.00 ± 0.20']])
+        """
+        columns: dict[str, Callable[..., object]] = {}
+        for number, part in enumerate(rows[0] if rows else ()):
+            kind: Any = type(part)
+            for name, known in quantities_of(kind).items():
+                quantity = NUMBER if known.unit in ("", "1") else shown_as(known.unit)
+                cell = partial(_part_of_row, number, name, quantity)
+                columns[quantity.heading(known.words)] = cell
+        return cls.by(caption, columns, rows, words)
+
+    @classmethod
     def across(cls, caption: str, corner: str, cells: Mapping[tuple[str, str], str]) -> list[Self]:
         """A table of cells by the words of their row and the heading of their column, - where
         there is no cell; none without cells.
@@ -125,6 +148,14 @@ class Grid:
 def records(table: Any, name: str = "") -> list[tuple[dict[str, Any]]]:
     """The rows of a table, or of that in a field of an answer, for `Grid.by`."""
     return [(row,) for row in rows_of(table, name)]
+
+
+def _part_of_row(number: int, name: str, quantity: ShownQuantity, *row: Any) -> object:
+    """The cell of a stated field of one of the parts of a row."""
+    value = getattr(row[number], name)
+    if isinstance(value, Estimate):
+        return plus_minus(value, quantity)
+    return quantity(value) if isinstance(value, float) else value
 
 
 def _cell(value: object, form: str) -> str:

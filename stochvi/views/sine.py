@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stochvi.mathematics.units import LENGTH, RATE, SI_ACCELERATION, SPEED, TIME
-from stochvi.results.base import in_chosen_units
+from stochvi.results.base import quantities_of
 from stochvi.views.axes import (
     BASINS,
     BEYOND,
@@ -23,8 +23,7 @@ from stochvi.views.axes import (
     length_unit,
     plain_ticks,
 )
-from stochvi.views.pages import Grid, Told, told_of
-from stochvi.views.tables import Heading, with_headings
+from stochvi.views.pages import Grid, Told, records, told_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -252,57 +251,36 @@ def _columns(branch: Branch) -> dict[str, np.ndarray]:
 MAP_SIZE, DIAGRAM_SIZE = (7.0, 5.2), (7.0, 6.0)
 """Sizes of a map of basins and of a diagram of two panels, inches."""
 
-REGIME_COLUMNS: dict[str, Heading] = {
-    "regime": "regime",
-    "kind": "kind",
-    "share": "share of starts",
-    "impact_speed_max": ("impact speed ()", SPEED),
-    "multiplier": "largest multiplier",
-    "lyapunov": ("Lyapunov exponent ()", RATE),
-    "lyapunov_error": ("standard error", RATE),
-}
-"""Headings of the columns of regimes as the terminal shows them."""
-
-LIFE_COLUMNS: dict[str, Heading] = {
-    "regime": "regime",
-    "life_time": ("life time ()", TIME),
-    "life_time_low": ("95 % from", TIME),
-    "life_time_high": ("to", TIME),
-    "left": "paths left",
-    "paths": "of",
-    "to": "they go to",
-    "share": "share",
-    "share_low": "95 % from ",
-    "share_high": "to ",
-}
-"""Headings of the columns of life times as the terminal shows them."""
-
 MOST_PRINTED = 40
 """Largest number of values of a bifurcation diagram that the terminal shows."""
 
 
 def basins_told(found: Basins) -> Told:
     """Which motions are reached, and by what share of the starts."""
-    table = with_headings(found.table(), REGIME_COLUMNS)
-    return told_of(found, [Grid.of("motions that starts end in", table, 2)])
+    regimes = [(each,) for each in found.regimes]
+    return told_of(found, Grid.stated("motions that starts end in", regimes, 2))
 
 
 def bifurcation_told(found: Bifurcation) -> Told:
     """The motion at some of the values."""
     table = found.table()
     chosen = np.unique(np.linspace(0, len(table) - 1, min(MOST_PRINTED, len(table))).astype(int))
-    columns: dict[str, Heading] = {
-        "sweep": "sweep", "value": found.key, "periods": "periods (0: none)",
-        "impacts per period": "impacts per period", **REGIME_COLUMNS,
-    }  # fmt: skip
-    shown = with_headings(table.iloc[chosen], columns)
-    return told_of(found, [Grid.of("motions of a slow sweep", shown, ("sweep", "regime", "kind"))])
+    columns = {
+        "sweep": lambda row: row["sweep"],
+        found.key: lambda row: row["value"],
+        "periods (0: none)": lambda row: row["periods"],
+        "impacts per period": lambda row: row["impacts per period"],
+        f"impact speed ({SPEED})": lambda row: SPEED(row["impact_speed_max"]),
+        f"Lyapunov exponent ({RATE})": lambda row: RATE(row["lyapunov"]),
+        "standard error": lambda row: RATE(row["lyapunov_error"]),
+    }
+    return told_of(found, Grid.by("motions of a slow sweep", columns, records(table.iloc[chosen])))
 
 
 def lifetimes_told(found: LifeTimes) -> Told:
     """How long each regime lasts, and where paths go."""
-    table = with_headings(found.to_frame(), LIFE_COLUMNS)
-    return told_of(found, [Grid.of("regimes in noise", table, ("regime", "they go to"))])
+    words = ("regime", "they go to")
+    return told_of(found, Grid.stated("regimes in noise", found.departures, words))
 
 
 def plot_lifetimes(found: LifeTimes, ax: Axes | None = None) -> Axes:
@@ -468,25 +446,23 @@ def _basin_name(found: Bifurcation) -> str:
 # ------------------------------------------------------------------------------
 
 
-NAMES = {
-    "lyapunov_exponent": "almost every motion",
-    "mean_growth": "mean",
-    "mean_square_growth": "mean squares",
-}
-"""Whose rate of growth each quantity is."""
-
-COLUMNS = {
-    "quantity": "growth of", "value": "rate", "unit": "unit", "standard_error": "error",
-    "bias": "bias", "how": "from",
-}  # fmt: skip
-"""Headings of the columns as the terminal shows them."""
-
-
 def stability_told(found: Stability) -> Told:
     """How fast what grows."""
-    table = in_chosen_units(found.to_frame()).replace({"quantity": NAMES}).rename(columns=COLUMNS)
-    words = ("growth of", "unit", "from")
-    return told_of(found, [Grid.of("growth without stops; below 0 it decays", table, words)])
+    columns = {
+        "growth of": lambda name, _: words_of_rate(found, name),
+        f"rate ({RATE})": lambda _, each: RATE(each.value),
+        "error": lambda _, each: RATE(each.standard_error),
+        "bias": lambda _, each: RATE(each.bias),
+        "from": lambda _, each: each.how,
+    }
+    caption, words = "growth without stops; below 0 it decays", ("growth of", "from")
+    return told_of(found, Grid.by(caption, columns, found.rates.items(), words))
+
+
+def words_of_rate(found: Stability, name: str) -> str:
+    """Whose rate of growth a quantity is."""
+    kind: Any = type(found)
+    return quantities_of(kind)[name].words
 
 
 def plot_stability(found: Stability, ax: Axes | None = None) -> Axes:
@@ -497,7 +473,7 @@ def plot_stability(found: Stability, ax: Axes | None = None) -> Axes:
         bars = [[RATE(each.value - low)], [RATE(high - each.value)]]
         ax.errorbar(RATE(each.value), row, xerr=bars, fmt="o", capsize=3, color=COLOURS["simulate"])
     ax.axvline(0.0, color="black", linewidth=0.8)
-    ax.set_yticks(range(len(found.rates)), [NAMES[name] for name in found.rates])
+    ax.set_yticks(range(len(found.rates)), [words_of_rate(found, name) for name in found.rates])
     ax.set_ylim(len(found.rates) - 0.5, -0.5)
     ax.set_xlabel(f"rate of growth ({RATE}); below 0 it decays")
     add_grid(ax)

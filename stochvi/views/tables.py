@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +18,7 @@ from stochvi.mathematics.units import (
     shown_as,
     spoken_mission,
 )
-from stochvi.results.base import RESPONSE_QUANTITIES, DataFrame, Response, rows_of
+from stochvi.results.base import RESPONSE_QUANTITIES, Response, rows_of
 from stochvi.results.estimates import (
     MOST_PLACES,
     NEAR_ONE,
@@ -73,25 +73,6 @@ def effects_in_words(effects: Sequence[str]) -> str:
         elif (together := f"{count[kind]} {kind}s") not in named:
             named.append(together)
     return "; ".join(named)
-
-
-Heading = str | tuple[str, ShownQuantity]
-"""Heading of a column, with the quantity of its SI numbers where they have one: "()" in the words
-gets the unit that is shown."""
-
-
-def with_headings(table: DataFrame, columns: Mapping[str, Heading]) -> DataFrame:
-    """The columns that a table has of these, under their headings, in the units that are shown."""
-    found = table[[name for name in columns if name in table]].copy()
-    headings = {}
-    for name in found:
-        heading = columns[str(name)]
-        if not isinstance(heading, str):
-            words, quantity = heading
-            found[name] = quantity(found[name])
-            heading = words.replace("()", f"({quantity})")
-        headings[name] = heading
-    return found.rename(columns=headings)
 
 
 LAST_DIGITS = (

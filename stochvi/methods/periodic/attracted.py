@@ -8,7 +8,7 @@ import time
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, replace
 from functools import cached_property
 from typing import Any, Unpack
 
@@ -24,7 +24,7 @@ from stochvi.methods.periodic.family import Family, States, unmet
 from stochvi.methods.periodic.kernels import flights, solver
 from stochvi.methods.periodic.sine_response import MARGIN, SWEEPS, noise_left_out, too_slow, varied
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import DataFrame, Result, frame_of, stacked
+from stochvi.results.base import DataFrame, Result, frame_of, stacked, stated
 from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
@@ -550,16 +550,16 @@ class BasinRegime:
     stochvi.methods.periodic.basins : The answer that holds it.
     """
 
-    name: str
-    kind: str
+    name: str = stated("motion", "", MISSING)
+    kind: str = stated("kind", "", MISSING)
     periods: int
     impacts: int
-    multiplier: float | None
-    lyapunov: Estimate | None
-    impact_speed_max: float
+    multiplier: float | None = stated("largest multiplier", "", MISSING)
+    lyapunov: Estimate | None = stated("Lyapunov exponent", "1/s", MISSING)
+    impact_speed_max: float = stated("impact speed", "m/s", MISSING)
     displacement: Vector
     velocity: Vector
-    share: float
+    share: float = stated("share of starts", "", MISSING)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
