@@ -38,6 +38,7 @@ from stochvi.views.axes import (
     legend_above,
     length_unit,
     owner_colours,
+    plain_ticks,
     thinned,
 )
 from stochvi.views.files import write_bytes
@@ -130,6 +131,7 @@ def plot_first_passage(found: FirstPassage, ax: Axes | None = None) -> Axes:
     ax.set_ylim(max(low / 2.0, FAINTEST * chances[shown].max()), 2.0)
     ax.set_xlabel(f"time ({TIME})")
     ax.set_ylabel("P(first passage before t)")
+    plain_ticks(ax)
     add_grid(ax)
     ax.legend(frameon=False, loc="lower right")
     return ax
@@ -671,23 +673,24 @@ def plot_impact_speeds(scene: Scene, found: Density, ax: Axes | None = None) -> 
     w = rms * np.geomspace(SLOWEST, FASTEST, DENSITY_POINTS)
     colours = {"lower": COLOURS["linearise:closure"], "upper": COLOURS["fokker-planck"]}
     largest = 0.0
-    for side, _ in _stops(scene):
+    for line_style, (side, _) in zip(("-", "--"), _stops(scene), strict=False):
         flux = RATE(found.impact_flux(side, w)) * SPEED.shown.si
         largest = max(largest, float(np.nanmax(flux)))
-        style = {"color": colours[side], "linestyle": "-" if side == "lower" else "--"}
-        ax.plot(SPEED(w), np.where(flux > 0.0, flux, np.nan), label=f"{side} stop", **style)  # type: ignore[arg-type]
+        shown = np.where(flux > 0.0, flux, np.nan)
+        ax.plot(SPEED(w), shown, line_style, color=colours[side], label=f"{side} stop")
         law = scene.impact_pairs[0].law_of(side)
         if isinstance(law, Restitution):
             beta = corner_exponent(law.slow_restitution)
             start, anchor = w[: DENSITY_POINTS // 2], DENSITY_POINTS // 4
             line = MARGIN * flux[anchor] * (start / w[anchor]) ** (1.0 - beta)
-            text = f"w^(1 - β), β = {beta:.3g} (R = {law.coefficient})"
-            ax.plot(SPEED(start), line, ":", color=colours[side], label=text)
+            text = f"w¹⁻ᵝ, β = {beta:.3g} (R = {law.coefficient})"
+            told = text in ax.get_legend_handles_labels()[1]
+            ax.plot(SPEED(start), line, ":", color=colours[side], label=None if told else text)
     ax.set(xscale="log", yscale="log", ylim=(1e-6 * largest, 3.0 * largest))
     ax.set_xlabel(f"impact speed ({SPEED})")
     chosen = RATE.chosen or SPEED.chosen
     unit = f"{RATE} per {SPEED}" if chosen else "1/m"
-    ax.set_ylabel(f"impacts per {RATE.time} and unit of speed ({unit})")
+    ax.set_ylabel(f"impact rate per speed ({unit})")
     ax.legend(frameon=False)
     return ax
 
@@ -713,7 +716,8 @@ def plot_marginals(
         ax.plot(place, density, color=COLOURS["exact"], label="density")
         ax.plot(place, normal, "--", color=COLOURS["stop"], label="normal, same rms")
         ax.set_ylim(bottom=0.0)
-        ax.set_ylabel("probability density")
+    axes[0].set_ylabel(f"probability density (1/{name})")
+    axes[1].set_ylabel(f"probability density ({SPEED.inverse})")
     if hasattr(found, "bands"):  # an averaged density is approximate
         low, high = found.bands(x)
         axes[0].fill_between(

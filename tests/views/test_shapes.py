@@ -338,6 +338,16 @@ def test_impact_speeds_have_the_slope_that_the_dotted_line_says(lossy):
     slow = (speeds > 0.006) & (speeds < 0.03)
     found = np.polyfit(np.log(speeds[slow]), np.log(flux[slow]), 1)[0]
     assert found == pytest.approx(slope, abs=0.1)
+    assert [line.get_linestyle() for line in ax.lines] == ["-", ":", "--", ":"]
+    labels = ax.get_legend_handles_labels()[1]
+    assert len(labels) == len(set(labels)) == 3 and ax.get_ylabel() == "impact rate per speed (1/m)"
+
+
+def test_a_stop_alone_is_a_full_line():
+    alone = oscillator(None, 1.0, 0.5)
+    ax = plot_impact_speeds(alone, fokker_planck_density(alone))
+    styles = {line.get_label(): line.get_linestyle() for line in ax.lines}
+    assert styles["upper stop"] == "-"
 
 
 def test_marginals_are_curves_of_unit_area(lossy):
@@ -345,3 +355,4 @@ def test_marginals_are_curves_of_unit_area(lossy):
         x, p = ax.lines[0].get_data()
         # a singular stop lies between two points of the curve
         assert np.trapezoid(p, x) == pytest.approx(1.0, abs=0.03)
+        assert ax.get_ylabel() in ("probability density (1/m)", "probability density (s/m)")
