@@ -41,7 +41,7 @@ INTERVAL = re.compile(r"(\d[\d.e-]*)(?: %)? \((\d[\d.e-]*)(?: %)? to (\d[\d.e-]*
 """Pattern of a number with its 95 % interval."""
 
 TIMES = re.compile(
-    r"^cost: .*(?:\n(?!\w+:).+)*|, [\d.e+]+ ns a step here|: about [\d.]+ s\b|(?<=, 95 %)  .*$",
+    r"^cost: .*(?:\n(?!\w+:).+)*|, [\d.e+]+ ns a step here|: about [\d.]+(?: to [\d.]+)? s\b|(?<=, 95 %)  .*$",
     flags=re.MULTILINE,
 )
 """Pattern of what depends on the speed of the machine, and is not compared: behind the interval of
@@ -123,6 +123,8 @@ def differences(shown: str, now: str) -> list[str]:
     >>> differences("12 impacts, 607(20)", "12 impacts, 601(20)")
     []
     >>> differences("12 impacts, 10 % (9 % to 11 %, 95 %)", "13 impacts, 9.8 % (9 % to 11 %, 95 %)")
+    []
+    >>> differences("error 0.01: about 10 s", "error 0.01: about 7 to 28 s")
     []
     >>> differences("12 impacts", "14 impacts")
     ['got 14, the page has 12']
