@@ -192,7 +192,7 @@ def test_a_record_in_a_scene_file_shakes_the_mount(tmp_path: Path) -> None:
     for words in ("120 s at 400 Hz", "kurtosis", "segments"):
         assert words in told
     (caution,) = screen(scene).notes
-    assert f"{50.0 * error:.2g} % uncertain" in caution
+    assert f"a standard error of {50.0 * error:.2g} % to" in caution
     assert "larger peaks" not in told and "short for this mount" not in told
     assert scene.effects() == ("measured record on base",)
 

@@ -232,8 +232,8 @@ class RecordedNoise(DensityNoise):
         wanted = wanted_resolution(omega, damping_rate)
         error, _ = response_error(record, bins, omega, damping_rate)
         found.append(
-            f"the length of the record leaves rms and clearances {50.0 * error:.2g} % uncertain, "
-            "beyond their intervals"
+            f"the record's length adds a standard error of {50.0 * error:.2g} % to rms and "
+            "clearances; intervals omit it"
         )
         natural = omega / (2.0 * math.pi)
         if 0.5 * record.fs < natural:
