@@ -41,7 +41,8 @@ INTERVAL = re.compile(r"(\d[\d.e-]*)(?: %)? \((\d[\d.e-]*)(?: %)? to (\d[\d.e-]*
 """Pattern of a number with its 95 % interval."""
 
 TIMES = re.compile(
-    r"^cost: .*(?:\n(?!\w+:).+)*|, [\d.e+]+ ns a step here|: about [\d.]+(?: to [\d.]+)? s\b|(?<=, 95 %)  .*$",
+    r"^cost: .*(?:\n(?!\w+:).+)*|, [\d.e+]+ ns a step here|: about [\d.]+(?: to [\d.]+)? s\b|"
+    r"(?<=, 95 %)  .*$",
     flags=re.MULTILINE,
 )
 """Pattern of what depends on the speed of the machine, and is not compared: behind the interval of
