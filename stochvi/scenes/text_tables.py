@@ -206,6 +206,7 @@ class Heading:
             return ""
         over = QUANTITY_OVER_UNIT.fullmatch(self.name)
         found = [*_bracketed(self.name), *([over[1]] if over else [])]
+        found += re.findall(r"(?<=[ _])V$|^[cC]ounts?$", self.name)  # or of what is vertical
         return next((text for text in found if re.search(r"[^\W\d]", text)), "")
 
     @property

@@ -158,6 +158,19 @@ def test_the_unit_of_a_sensitivity_or_a_range_is_not_that_of_the_values(
     assert noise.record.peak == pytest.approx(3e-3 * 9.80665, rel=0.01)
 
 
+@pytest.mark.parametrize(
+    ("heading", "told"), [("CH1 V", "V"), ("acc_V", "V"), ("counts", "counts")]
+)
+def test_what_may_be_volts_is_told(tmp_path: Path, heading: str, told: str) -> None:
+    (tmp_path / "run.csv").write_text(f"time (s),{heading}\n{RUN}\n")
+    noise = RecordedNoise(file=str(tmp_path / "run.csv"), unit="g")
+    (doubt,) = noise.doubts()
+    assert (
+        f"the text '{told}' above" in doubt
+        and "were taken to be in g, as the scene states" in doubt
+    )
+
+
 def test_a_curve_in_volts_is_refused(tmp_path: Path) -> None:
     (tmp_path / "curve.csv").write_text("deflection (mm),force (V)\n0,0\n1,2\n2,5\n")
     with pytest.raises(SceneError, match="expected no V; divide the values"):

@@ -393,7 +393,7 @@ def unread_unit(columns: Columns, taken: Unit) -> tuple[str, ...]:
     """A sentence on a text above the values that looks like a unit but is unknown. Such a text is
     not compared with the unit of the scene."""
     if not columns.unread or (
-        columns.lines is not None and not re.search(r"[/^²]", columns.unread)
+        columns.lines is not None and not re.search(r"[/^²]|^V$|ounts?$", columns.unread)
     ):
         return ()
     where = "above the values" if columns.lines is not None else f"in {columns.stated_in}"
