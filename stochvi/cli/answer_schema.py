@@ -7,6 +7,7 @@ import inspect
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
+from functools import cache
 from types import UnionType
 from typing import Any, ClassVar, Literal, NamedTuple, Union, get_args, get_origin
 
@@ -14,19 +15,14 @@ import numpy as np
 
 from stochvi.isolators.production_risk import Production
 from stochvi.isolators.record_verdict import RecordVerdict
-from stochvi.isolators.screening import Screening
 from stochvi.isolators.sizing.answer import (
-    OF_ONE,
-    OF_SEVERAL,
     Clearance,
     Probability,
     RoundedClearance,
     StopPositions,
     ThreeSigma,
 )
-from stochvi.isolators.tolerances import Spread
-from stochvi.methods.periodic.resonance import HarmonicResonance
-from stochvi.results.base import DataFrame, Quantities, Response, Result
+from stochvi.results.base import DataFrame, Quantities, Result
 from stochvi.scenes.keys import DIALECT
 from stochvi.scenes.scene import Scene
 
@@ -34,7 +30,7 @@ Schema = dict[str, Any]
 
 ROOMS = (
     "absorbers", "identification", "isolators", "methods.fokker_planck", "methods.periodic",
-    "methods.replay", "results", "statistics", "testing", "verification",
+    "methods.replay", "results", "scenes", "statistics", "testing", "verification",
 )  # fmt: skip
 """Packages whose public names hold every kind of answer."""
 
@@ -53,12 +49,6 @@ PLAIN: dict[Any, Schema] = {
     DataFrame: ROWS, np.ndarray: {"type": "array"},
 }  # fmt: skip
 """Schemas of types that need no definition of their own, by type."""
-
-TYPES = {
-    "Scene": Scene, "Response": Response, "Screening": Screening,
-    "HarmonicResonance": HarmonicResonance, "Production": Production, "Spread": Spread,
-}  # fmt: skip
-"""Types by the names that annotations use in modules which import them for type checking only."""
 
 
 class Change(NamedTuple):
@@ -144,11 +134,6 @@ CHANGES = {
 }  # fmt: skip
 """How the JSON documents of answers differ from their fields, by the names of their classes."""
 
-RARE = {
-    "Estimate": ("upper_95", "bias_error"), "Sizing": (*OF_ONE, *OF_SEVERAL),
-}  # fmt: skip
-"""Keys that are present only if they have a value, by the names of the classes."""
-
 
 def answer_schema() -> Schema:
     """JSON Schema of the answers of all commands, draft 2020-12; each is one of its `anyOf`.
@@ -170,14 +155,19 @@ def answer_schema() -> Schema:
     return head | {"anyOf": answers, "$defs": known.schemas}
 
 
+@cache
+def public() -> dict[str, Any]:
+    """All public names of the rooms of answers, by which annotations name types that their modules
+    import for type checking only."""
+    packages = [importlib.import_module(f"stochvi.{room}") for room in ROOMS]
+    return {name: getattr(package, name) for package in packages for name in package.__all__}
+
+
 def kinds() -> Iterator[type[Result]]:
     """Every public kind of answer."""
-    for room in ROOMS:
-        package = importlib.import_module(f"stochvi.{room}")
-        for name in package.__all__:
-            kind = getattr(package, name)
-            if inspect.isclass(kind) and issubclass(kind, Result):
-                yield kind
+    for kind in public().values():
+        if inspect.isclass(kind) and issubclass(kind, Result):
+            yield kind
 
 
 class Definitions:
@@ -239,9 +229,9 @@ class Definitions:
         found |= dict.fromkeys(getattr(kind, "as_columns", ()), COLUMNS)
         found |= {key: self.of_type(each) for key, each in change.added.items()}
         optional = {key: self.of_type(each) for key, each in change.optional.items()}
-        rare = getattr(kind, "only_if_known", ()) or RARE.get(kind.__name__, ())
-        rare = found if issubclass(kind, Quantities) else rare
-        optional |= {key: found.pop(key) for key in list(rare)}
+        rare = (*getattr(kind, "only_if_known", ()), *getattr(kind, "sometimes", ()))
+        rare = tuple(found) if issubclass(kind, Quantities) else rare
+        optional |= {key: found.pop(key) for key in rare}
         summary = " ".join(inspect.cleandoc(kind.__doc__ or "").partition("\n\n")[0].split())
         return {"description": summary, **_record(found, optional)}
 
@@ -274,5 +264,5 @@ def _hint(kind: type, name: str) -> Any:
     hint = inspect.get_annotations(function if returns else owner)["return" if returns else name]  # type: ignore[arg-type]
     hint = getattr(hint, "__forward_arg__", hint)  # as named tuples keep it
     known = vars(sys.modules[owner.__module__])
-    hint = eval(hint, dict(TYPES), dict(known)) if isinstance(hint, str) else hint
+    hint = eval(hint, dict(public()), dict(known)) if isinstance(hint, str) else hint
     return get_args(hint)[0] if get_origin(hint) is ClassVar else hint

@@ -495,6 +495,9 @@ class Result:
     only_if_known: ClassVar[tuple[str, ...]] = ()
     """Fields that a document leaves out where they hold nothing."""
 
+    sometimes: ClassVar[tuple[str, ...]] = ()
+    """Fields that only some documents of a kind have."""
+
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         check_methods(cls)

@@ -457,6 +457,9 @@ class Estimate:
     # numpy leaves an operator between one of its numbers and an estimate to the estimate
     __array_ufunc__: ClassVar[None] = None
 
+    # its document has them where they say something
+    sometimes: ClassVar[tuple[str, ...]] = (LIMIT, BIAS_ERROR)
+
     def __post_init__(self) -> None:
         for name in ("value", "standard_error", "bias", "upper_95", "bias_error"):
             number = getattr(self, name)

@@ -790,6 +790,7 @@ class Sizing(ClearanceAnswer):
 
     kind = "size"
     in_document: ClassVar = {"by": "method"}
+    sometimes = (*OF_ONE, *OF_SEVERAL)
 
     target: Target
     mission: float
