@@ -606,7 +606,7 @@ def _limit_mark(ax: Axes, review: Review) -> None:
     place = (SPEED if is_speed(target.name) else ACCELERATION)(target.value)
     ax.axvline(place, color=COLOURS["stop"], linewidth=1.0)
     ax.axhline(target.exceedance, color=COLOURS["stop"], linewidth=1.0)
-    ax.text(place, 1.0, f"limit {target.short}", fontsize="small", color=COLOURS["stop"],
+    ax.text(place, 1.0, f"limit {target.limit}", fontsize="small", color=COLOURS["stop"],
             va="bottom", ha="center", transform=ax.get_xaxis_transform())  # fmt: skip
 
 

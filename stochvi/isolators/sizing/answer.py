@@ -15,7 +15,7 @@ from stochvi.isolators.record_verdict import RecordVerdict, most_alarming
 from stochvi.isolators.screening import Screening, at_clearances
 from stochvi.isolators.tolerances import Tolerances
 from stochvi.mathematics.numerics import ROUNDING, Matrix, Vector
-from stochvi.mathematics.units import ACCELERATION, LENGTH, RATE, shown_as, spoken_mission
+from stochvi.mathematics.units import LENGTH, RATE, readable, spoken_mission
 from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.model.coverage import NaturalMode, free_motion, natural_modes
 from stochvi.model.model import Model, model_of
@@ -270,20 +270,8 @@ class Target:
 
     @property
     def limit(self) -> str:
-        """The value with its unit, in words; an acceleration in g as well, unless one is chosen."""
-        quantity = shown_as(self.unit)
-        both = self.name == "peak_acceleration" and quantity.chosen is None
-        return quantity.text(self.value) + (f" ({self.in_g})" if both else "")
-
-    @property
-    def in_g(self) -> str:
-        """An acceleration in g, or in a chosen unit, in words."""
-        return ACCELERATION.text(self.value)
-
-    @property
-    def short(self) -> str:
-        """The value with its unit; an acceleration in g."""
-        return self.in_g if self.name == "peak_acceleration" else self.limit
+        """The value with its unit, in words; an acceleration in g, unless a unit is chosen."""
+        return readable(self.unit).text(self.value)
 
     @property
     def accepted(self) -> str:
@@ -298,8 +286,8 @@ class Target:
         kinds = {
             "rate": "impacts",
             "probability": "an impact",
-            "impact_speed": f"an impact faster than {self.short}",
-            "peak_acceleration": f"a peak acceleration above {self.short}",
+            "impact_speed": f"an impact faster than {self.limit}",
+            "peak_acceleration": f"a peak acceleration above {self.limit}",
         }
         return kinds[self.name]
 
@@ -347,11 +335,6 @@ class RoundedClearance:
         '4.5 mm'
         """
         return LENGTH.rounded_up(self.value, self.step)
-
-    @property
-    def step_in_words(self) -> str:
-        """The step to which the clearance is rounded up."""
-        return LENGTH.step_of(self.step)
 
     def position(self, equilibrium: float, side: str) -> float:
         """Where a stop at this clearance from the static equilibrium (m) lies, in m from the

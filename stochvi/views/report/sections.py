@@ -118,7 +118,7 @@ def _place(found: ClearanceAnswer) -> list[Fact]:
         first = Fact(name, UNKNOWN, why)
     else:
         rests = f"{enough}{sides}; {within}"
-        first = Fact(name, str(made), f"{rests}rounded up to {made.step_in_words}")
+        first = Fact(name, str(made), f"{rests}rounded up to {LENGTH.step_of(made.step)}")
     calculated = f"{stated}{interval}{sigmas}"
     return [first, Fact("Calculated as stated", spoken_length(c.value), calculated)]
 

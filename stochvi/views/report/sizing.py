@@ -471,7 +471,7 @@ def _risk_card(review: Review) -> Fact:
         return Fact(f"Probability of any impact in {mission}", value, remark)
     kept = target.accepted if sizing.kept_with is None else f"below {target.accepted}"
     return Fact(
-        f"Probability of exceeding {target.short} in {mission}",
+        f"Probability of exceeding {target.limit} in {mission}",
         kept if sizing.shown_to_keep else "not known well enough",
         remark,
     )
