@@ -18,6 +18,7 @@ from stochvi import (
     Isolator,
     Matrices,
     NotApplicable,
+    Pulses,
     Restitution,
     Scene,
     SceneError,
@@ -49,7 +50,7 @@ from stochvi.methods.monte_carlo.synthesis import BIN_ERROR, FOLD_FROM, LARGEST_
 from stochvi.model.model import model_of
 from stochvi.scenes import Modulation
 from stochvi.scenes.datasets import profiles
-from stochvi.scenes.excitations import FilteredNoise, Sine
+from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Elastic, Law, Viscoelastic
 from stochvi.scenes.scene import scene_from
 from stochvi.testing import assert_agrees
@@ -274,13 +275,34 @@ def two_masses(noise: TabulatedNoise) -> Scene:
     return Scene(structure=structure, excitations=[noise])
 
 
-def test_a_sine_beside_noise_gives_the_same_at_half_the_step() -> None:
+STRONG = Sine(on="base", amplitude=20.0, frequency_hz=8.0)
+BESIDE: dict[str, list[Any]] = {
+    "a sine": [STRONG],
+    "two sines": [STRONG, Sine(on="base", amplitude=10.0, frequency_hz=31.0)],
+    "shocks": [
+        Pulses(on="base", rate=2.0, shape="half-sine", duration=0.011, amplitude=50.0), STRONG
+    ],
+    "filtered noise": [FilteredNoise(on="base", intensity=0.5, frequency_hz=14.0, zeta=0.1)],
+    "a level": [],
+    "a load": [ConstantLoad(on="base", acceleration=15.0), STRONG],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("beside", BESIDE)
+def test_whatever_is_beside_noise_the_error_falls_with_the_step(beside: str) -> None:
+    """With its square, for the same noise and paths; that of a jump grows at finer steps."""
     scene = mount(12.0, TRUCK, 2.0, 0.5)
-    sine = Sine(on="base", amplitude=20.0, frequency_hz=8.0)
-    plan = plan_of(scene.replace(excitations=[*scene.excitations, sine]))
-    usual, finer = (each.averages(3, 0, 64) for each in (plan, plan.finer()))
-    for row in ("vv", "f1_upper", "f2_upper"):
-        assert finer[row].mean() == pytest.approx(usual[row].mean(), rel=0.01)
+    noise = scene.excitations[0]
+    if beside == "a level":
+        noise = noise.model_copy(update={"kurtosis": 5.0, "level_time": 4.0})
+    plan = plan_of(scene.replace(excitations=[noise, *BESIDE[beside]]))
+    coarse, usual, finer = (
+        each.averages(3, 0, 64) for each in (plan.coarser(), plan, plan.finer())
+    )
+    for row in ("xx", "vv", "f1_upper", "f2_upper"):
+        change = finer[row] - usual[row]
+        doubt = 4.0 * change.std() / 8.0
+        assert abs(change.mean()) < 0.5 * abs((usual[row] - coarse[row]).mean()) + doubt, row
 
 
 def test_the_first_upward_root_is_that_of_a_general_solver() -> None:
