@@ -341,7 +341,7 @@ ERRORS = ("error", "bias", "upper_95", "limit")
 
 def frame_of(table: Any = (), columns: list[str] | None = None) -> DataFrame:
     """The table of columns by name, or of rows: mappings, named tuples, or dataclasses whose fields
-    are the columns. It alone, and `stacked`, make tables. Errors that are not known are NaN.
+    are the columns. It alone, and `stacked`, make tables. Numbers that no row knows are NaN.
 
     >>> frame_of([{"clearance": 0.004, "hit_rate": 2.0}]).columns.tolist()
     ['clearance', 'hit_rate']
@@ -351,8 +351,11 @@ def frame_of(table: Any = (), columns: list[str] | None = None) -> DataFrame:
     if not isinstance(table, Mapping):
         table = [vars(row) if is_dataclass(row) else row for row in table]
     found = pd.DataFrame(table, columns=columns)
-    unknown = [n for n in found if str(n).endswith(ERRORS) and found[n].dtype == object]
-    return found.astype(dict.fromkeys(unknown, float))
+    empty = [
+        str(name) for name in found if found[name].dtype == object and found[name].isna().all()
+    ]
+    numbers = [name for name in empty if name.endswith(ERRORS) or unit_of_column(name)]
+    return found.astype(dict.fromkeys(numbers, float))
 
 
 def stacked(tables: Iterable[Any], columns: list[str] | None = None) -> DataFrame:

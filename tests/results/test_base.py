@@ -370,8 +370,10 @@ def test_errors_in_tables_are_numbers(answer: Result) -> None:
 
 
 def test_an_error_that_no_row_knows_is_a_number() -> None:
-    table = base.frame_of([{"of": "x", "value": 1.0, "bias": None, "note": None}])
-    assert table["bias"].dtype == float and np.isnan(table["bias"][0])
+    row = {"of": "x", "value": 1.0, "bias": None, "acceleration_std": None, "note": None}
+    table = base.frame_of([row])
+    for name in ("bias", "acceleration_std"):
+        assert table[name].dtype == float and np.isnan(table[name][0])
     assert table["note"].dtype == object
 
 
