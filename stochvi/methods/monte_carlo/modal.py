@@ -548,11 +548,11 @@ class ModalPlan(SteppedPlan):
         )
         return found
 
-    def columns(self, record: NDArray[np.float64]) -> dict[str, Vector]:
+    def columns(self, record: NDArray[np.float64], owned: bool | None = None) -> dict[str, Vector]:
         """Columns of one path: displacement and velocity of every coordinate, impact speeds; with
-        their owner where there are several."""
+        their owner if `owned`, by default where there are several."""
         n, shapes, found = self.modes.size, self.modes.shapes, {}
-        alone, pairs = self.model.single, self.model.pairs
+        alone, pairs = self.model.single if owned is None else not owned, self.model.pairs
         for row, name in enumerate(self.model.coordinates):
             of, rest = "" if alone else f" of {name}", float(shapes[row] @ self.modes.rest)
             found[f"displacement{of}"] = rest + record[:, 0, :n] @ shapes[row]
