@@ -784,8 +784,6 @@ class PeakSampler(ListSampler):
 
     def _of(self, settled: DataFrame) -> Peaks:
         model = model_of(self.scene)
-        if model.single:  # its columns have no name behind them
-            settled = settled.add_suffix(f" of {self.carrier}")
         x = settled[f"displacement of {self.carrier}"].to_numpy()
         parts = np.array_split(np.abs(x - x.mean()), WINDOWS_OF_PATH)
         return Peaks(

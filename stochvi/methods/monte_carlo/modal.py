@@ -548,28 +548,26 @@ class ModalPlan(SteppedPlan):
         )
         return found
 
-    def columns(self, record: NDArray[np.float64], owned: bool | None = None) -> dict[str, Vector]:
-        """Columns of one path: displacement and velocity of every coordinate, impact speeds; with
-        their owner if `owned`, by default where there are several."""
+    def columns(self, record: NDArray[np.float64]) -> dict[str, Vector]:
+        """Columns of one path: displacement and velocity of every coordinate, impact speeds."""
         n, shapes, found = self.modes.size, self.modes.shapes, {}
-        alone, pairs = self.model.single if owned is None else not owned, self.model.pairs
         for row, name in enumerate(self.model.coordinates):
-            of, rest = "" if alone else f" of {name}", float(shapes[row] @ self.modes.rest)
-            found[f"displacement{of}"] = rest + record[:, 0, :n] @ shapes[row]
-            found[f"velocity{of}"] = record[:, 0, n : 2 * n] @ shapes[row]
-        for j, pair in enumerate(pairs):
-            found["impact_speed" if alone else f"impact_speed of {pair.name}"] = record[
-                :, 0, 2 * n + j
-            ]
-        if alone and not pairs:
-            found["impact_speed"] = np.zeros(len(record))
+            rest = float(shapes[row] @ self.modes.rest)
+            found[f"displacement of {name}"] = rest + record[:, 0, :n] @ shapes[row]
+            found[f"velocity of {name}"] = record[:, 0, n : 2 * n] @ shapes[row]
+        for j, pair in enumerate(self.model.pairs):
+            found[f"impact_speed of {pair.name}"] = record[:, 0, 2 * n + j]
         return found
 
     def record(self, seed: int, path: int) -> dict[str, Vector]:
-        """One path from its start, by column."""
+        """One path from its start, by column; those of one mass do not name it."""
         record = np.zeros((self.steps, 1, self.record_width))
         self.averages(seed, path, 1, record)
-        return self.columns(record)
+        found = self.columns(record)
+        if not self.model.single:
+            return found
+        alone = {name.partition(" of ")[0]: column for name, column in found.items()}
+        return {**alone, "impact_speed": alone.get("impact_speed", np.zeros(len(record)))}
 
     @property
     def settling(self) -> int:

@@ -1046,9 +1046,7 @@ def record_paths(
     record = np.zeros((plan.steps, paths, plan.record_width))
     plan.averages(seed, first_path, paths, record)
     time = {"time": plan.step * np.arange(1, plan.steps + 1)}
-    return settling, [
-        frame_of(time | plan.columns(record[:, [path]], owned=True)) for path in range(paths)
-    ]
+    return settling, [frame_of(time | plan.columns(record[:, [path]])) for path in range(paths)]
 
 
 @dataclass(frozen=True, kw_only=True)

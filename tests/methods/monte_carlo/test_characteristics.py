@@ -143,7 +143,7 @@ def paths_of(scene: Scene, step: float, steps: int = 100) -> np.ndarray:
     record = np.zeros((steps, 1, plan.record_width))
     replace(plan, duration=steps * step).averages(3, 0, 1, record)
     columns = plan.columns(record)
-    return np.array([columns["displacement"], columns["velocity"]])
+    return np.array([columns["displacement of x"], columns["velocity of x"]])
 
 
 @pytest.mark.slow

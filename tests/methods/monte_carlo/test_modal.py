@@ -161,13 +161,13 @@ def test_a_path_equals_that_of_the_engine_for_one_oscillator() -> None:
     # the start of the other is another: from the first state of this one, by its plain twin
     start = -(-len(plan.law.covariance) // 2) * 2
     x, v, hits = kick_flow_kick(
-        ours["displacement"][0], ours["velocity"][0],
+        ours["displacement of x"][0], ours["velocity of x"][0],
         normals(3, 5, start + plan.steps)[start + 1 :], 0.1, 1.0, 0.1, 0.2,
         [(-0.6, 0.8, -1.0), (0.8, 0.8, 1.0)],
     )  # fmt: skip
     assert len(hits) > 3
-    np.testing.assert_allclose(ours["displacement"][1:], x, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(ours["velocity"][1:], v, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(ours["displacement of x"][1:], x, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(ours["velocity of x"][1:], v, rtol=0, atol=1e-5)
     # the twin, and the paths that move together, begin a step later
     timed = np.array([(when, side * w) for side, w, when in hits])
     events = one_by_one.events[: one_by_one.count[0]]

@@ -658,7 +658,7 @@ def test_a_path_between_stops_under_a_sine_is_that_of_its_equation() -> None:
         finer = replace(plan.with_step(end / steps), duration=end)
         record = np.zeros((finer.steps, 1, finer.record_width))
         finer.averages(3, 0, 1, record)
-        found = finer.columns(record)["displacement"][steps // 240 - 1 :: steps // 240]
+        found = finer.columns(record)["displacement of x"][steps // 240 - 1 :: steps // 240]
         errors.append(np.abs(found - known))
     assert len(hits) > 4 and before.sum() > 50
     fine, coarse = errors[1][before].max(), errors[0][before].max()
