@@ -300,7 +300,7 @@ def test_pairs_of_a_mission_have_a_clearance_in_common(tmp_path: Path) -> None:
     )
     made = own.each_made
     assert own.summary().startswith(
-        f"Make {made['bumpers']} at bumpers and {made['box stops']} at box stops, on each side. "
+        f"Make {made['bumpers']} at bumpers, {made['box stops']} at box stops, on each side. "
     )
     assert "over 2 phases" in own.summary()
     page = write_clearance_report(own, tmp_path).read_text("utf-8").replace("\u00a0", " ")
@@ -407,7 +407,7 @@ def test_the_sized_scene_has_the_damage_that_was_accepted(
     assert near.damage_ratio is not None
     assert near.damage_ratio.value.max() > 10.0 * ratio  # at the stops of the scene
     page = write_clearance_report(found, tmp_path).read_text("utf-8").replace("\u00a0", " ")
-    assert f"Clearance: {found.made}" in page and "Clearances that were tried" in page
+    assert f"Make {found.made} on each side" in page and "Clearances that were tried" in page
     assert page.count("<figure") == 3
 
 
