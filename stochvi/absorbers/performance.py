@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, replace
 from typing import Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
@@ -18,7 +18,15 @@ from stochvi.methods.monte_carlo import record_paths, simulate
 from stochvi.methods.monte_carlo.simulation import compile_kernels
 from stochvi.model.modal import linear_law
 from stochvi.model.model import Model, Pair, Stop, model_of
-from stochvi.results.base import DataFrame, PairResponse, Response, Result, frame_of, total_cost
+from stochvi.results.base import (
+    DataFrame,
+    PairResponse,
+    Response,
+    Result,
+    frame_of,
+    stated,
+    total_cost,
+)
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import (
     Estimate,
@@ -358,22 +366,22 @@ class Performance:
         The simulation that these numbers come from.
     """
 
-    level_db: float
-    ratio: Estimate
-    displacement_std: Estimate
-    displacement_std_without: float
+    level_db: float = stated("level", "dB", MISSING)
+    ratio: Estimate = stated("ratio", "1", MISSING)
+    displacement_std: Estimate = stated("rms with", "m", MISSING)
+    displacement_std_without: float = stated("rms without", "m", MISSING)
     velocity_std: Estimate
-    peak_factor: Estimate
-    peak_factor_without: Estimate
-    acceleration_std: Estimate | None
-    acceleration_std_without: float | None
-    impacts_per_period: Estimate
-    wall_force: Estimate
-    impulse: Estimate | None
-    wall_force_peak: Estimate | None
-    wall_force_largest: Estimate | None
-    wall_acceleration_largest: Estimate | None
-    absorbed_share: Estimate | None
+    peak_factor: Estimate = stated("peak factor", "1", MISSING)
+    peak_factor_without: Estimate = stated("peak factor without", "1", MISSING)
+    acceleration_std: Estimate | None = stated("abs. acc. rms", "m/s^2", MISSING)
+    acceleration_std_without: float | None = stated("abs. acc. rms without", "m/s^2", MISSING)
+    impacts_per_period: Estimate = stated("impacts per period", "1", MISSING)
+    wall_force: Estimate = stated("stop force", "N", MISSING)
+    impulse: Estimate | None = stated("impulse", "N s", MISSING)
+    wall_force_peak: Estimate | None = stated("peak force", "N", MISSING)
+    wall_force_largest: Estimate | None = stated("largest", "N", MISSING)
+    wall_acceleration_largest: Estimate | None = stated("largest", "m/s^2", MISSING)
+    absorbed_share: Estimate | None = stated("absorbed", "1", MISSING)
     response: Response
 
     def interval(self) -> tuple[float, float]:

@@ -4,7 +4,7 @@ under a sine; pages; pictures."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +13,7 @@ import numpy as np
 
 from stochvi.absorbers.design import AbsorberSine, Design, tuned_key
 from stochvi.mathematics.numerics import Vector
-from stochvi.mathematics.units import ACCELERATION, FORCE, LENGTH
+from stochvi.mathematics.units import LENGTH
 from stochvi.results.estimates import Estimate, plus_minus
 from stochvi.results.files import Origin, origin_of
 from stochvi.views.axes import COLOURS, add_grid, axes_or_new, length_unit, plain_ticks
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from stochvi.absorbers.design import ResidualCurve
-    from stochvi.absorbers.performance import AbsorberReport, Performance, TunedDamper
+    from stochvi.absorbers.performance import AbsorberReport, TunedDamper
     from stochvi.results.estimates import Cost
     from stochvi.scenes.scene import Scene
 
@@ -97,30 +97,22 @@ def tuned_sentence(found: TunedDamper) -> str:
     )
 
 
+OF_MOTION = (
+    "ratio", "displacement_std", "displacement_std_without", "peak_factor", "peak_factor_without",
+    "acceleration_std", "acceleration_std_without",
+)  # fmt: skip
+OF_IMPACTS = (
+    "impacts_per_period", "wall_force", "impulse", "absorbed_share", "wall_force_peak",
+    "wall_force_largest", "wall_acceleration_largest",
+)  # fmt: skip
+"""Fields of a level that the tables of motion and of impacts show."""
+
+
 def _motion(found: AbsorberReport) -> Section:
     """The motion of the structure by level, with and without the absorber."""
     return Section(
         title="Motion of the structure",
-        grids=_by_level(
-            found,
-            f"motion of {found.carrier!r}",
-            {
-                "ratio": lambda each: f"{each.ratio.value:.3f}",
-                "95 % interval": lambda each: "{:.3f} to {:.3f}".format(*each.interval()),
-                f"rms with ({LENGTH})": lambda each: plus_minus(each.displacement_std, LENGTH),
-                f"rms without ({LENGTH})": lambda each: LENGTH(each.displacement_std_without),
-                "peak factor": lambda each: plus_minus(each.peak_factor),
-                "peak factor without": lambda each: plus_minus(each.peak_factor_without),
-                f"abs. acc. rms ({ACCELERATION})": lambda each: plus_minus(
-                    each.acceleration_std, ACCELERATION
-                ),
-                f"abs. acc. rms without ({ACCELERATION})": lambda each: (
-                    None
-                    if each.acceleration_std_without is None
-                    else ACCELERATION(each.acceleration_std_without)
-                ),
-            },
-        ),
+        grids=_by_level(found, f"motion of {found.carrier!r}", OF_MOTION),
         notes=[
             "Ratio: rms displacement about the mean with the absorber, simulated, over that "
             "without, which is exact; its 95 % interval holds the bias of the step.",
@@ -131,35 +123,17 @@ def _motion(found: AbsorberReport) -> Section:
     )
 
 
-def _by_level(
-    found: AbsorberReport, caption: str, columns: Mapping[str, Callable[[Performance], object]]
-) -> list[Grid]:
+def _by_level(found: AbsorberReport, caption: str, names: Sequence[str]) -> list[Grid]:
     """A table with a row for each level, without columns in which nothing is known."""
-    columns = {"level (dB)": lambda each: f"{each.level_db:+g}", **columns}
-    rows = [(each,) for each in found.performances]
-    grids = Grid.by(f"{caption}, by level of the excitation", columns, rows, 0)
-    return [grid.known() for grid in grids]
+    caption, rows = f"{caption}, by level of the excitation", [(e,) for e in found.performances]
+    return [grid.known() for grid in Grid.stated(caption, rows, 0, ("level_db", *names))]
 
 
 def _impacts(found: AbsorberReport) -> Section:
     """Impacts, forces and powers by level; the peaks of contacts where stops are compliant."""
     return Section(
         title="Impacts",
-        grids=_by_level(
-            found,
-            "impacts",
-            {
-                "impacts per period": lambda each: plus_minus(each.impacts_per_period),
-                f"stop force ({FORCE})": lambda each: plus_minus(each.wall_force, FORCE),
-                "impulse (N s)": lambda each: plus_minus(each.impulse),
-                "absorbed": lambda each: plus_minus(each.absorbed_share),
-                f"peak force ({FORCE})": lambda each: plus_minus(each.wall_force_peak, FORCE),
-                f"largest ({FORCE})": lambda each: plus_minus(each.wall_force_largest, FORCE),
-                f"largest ({ACCELERATION})": lambda each: plus_minus(
-                    each.wall_acceleration_largest, ACCELERATION
-                ),
-            },
-        ),
+        grids=_by_level(found, "impacts", OF_IMPACTS),
         notes=[
             "Impacts on all units together, faster than the threshold that the warnings name; "
             "forces and powers count all. Stop force: mean over time of its magnitude, all stops. "

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from rich.cells import cell_len
 
-from stochvi.mathematics.units import NUMBER, ShownQuantity, shown_as
+from stochvi.mathematics.units import ACCELERATION, LENGTH, NUMBER, ShownQuantity, shown_as
 from stochvi.results.base import DataFrame, Result, plain, quantities_of, rows_of
 from stochvi.results.estimates import NO_VALUE, Estimate, capital, plus_minus
 from stochvi.views.files import time_for_pictures, to_json, write_report_page, write_text
@@ -100,10 +100,11 @@ class Grid:
 
     @classmethod
     def stated(
-        cls, caption: str, rows: Sequence[tuple[Any, ...]], words: int | Collection[str] = 1
-    ) -> list[Self]:
+        cls, caption: str, rows: Sequence[tuple[Any, ...]], words: int | Collection[str] = 1,
+        names: Sequence[str] = (),
+    ) -> list[Self]:  # fmt: skip
         """A table whose rows are parts of an answer, by the words and units that their classes
-        state, in the units that are shown.
+        state, in the units that are shown. It has all stated fields, or those with these `names`.
 
         >>> from stochvi.results.base import CoordinateResponse
         >>> motion = CoordinateResponse(velocity_std=Estimate(value=2.0, standard_error=0.1))
@@ -114,8 +115,10 @@ class Grid:
         columns: dict[str, Callable[..., object]] = {}
         for number, part in enumerate(rows[0] if rows else ()):
             kind: Any = type(part)
-            for name, known in quantities_of(kind).items():
-                quantity = NUMBER if known.unit in ("", "1") else shown_as(known.unit)
+            stated = quantities_of(kind)
+            for name in names or stated:
+                known = stated[name]
+                quantity = USUALLY.get(known.unit) or shown_as(known.unit)
                 cell = partial(_part_of_row, number, name, quantity)
                 columns[quantity.heading(known.words)] = cell
         return cls.by(caption, columns, rows, words)
@@ -148,6 +151,10 @@ class Grid:
 def records(table: Any, name: str = "") -> list[tuple[dict[str, Any]]]:
     """The rows of a table, or of that in a field of an answer, for `Grid.by`."""
     return [(row,) for row in rows_of(table, name)]
+
+
+USUALLY = {"": NUMBER, "1": NUMBER, "m": LENGTH, "m/s^2": ACCELERATION}
+"""How tables of parts of answers show units, others in the SI unless one is chosen."""
 
 
 def _part_of_row(number: int, name: str, quantity: ShownQuantity, *row: Any) -> object:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -12,6 +13,9 @@ import pytest
 from rich.console import Console
 
 from stochvi import Response, Scene, average, check, explain, fokker_planck, linearise, load_scene
+from stochvi.mathematics.units import shown_in, units_of
+from stochvi.results.base import stated
+from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.views.axes import as_written
 from stochvi.views.pages import Grid, Section, Told, print_told
@@ -126,6 +130,27 @@ def test_what_the_view_of_an_answer_names_is_there(name: str) -> None:
     view = VIEWS[name]
     for place in filter(None, (view.plot, view.told, view.drawn)):
         assert callable(function_of(place))
+
+
+def test_a_part_of_an_answer_states_the_headings_and_units_of_its_table() -> None:
+    @dataclass(frozen=True)
+    class Shown:
+        stop: str = stated("stop", "")
+        paths: int = stated("paths")
+        reach: Estimate | None = stated("reach", "m")
+        speed: float | None = stated("speed", "m/s")
+        untold: float = 0.0
+
+    rows = [(Shown("upper", 12345, Estimate(value=0.004, standard_error=1e-4), 2.5),)]
+    (found,) = Grid.stated("stops", rows)
+    assert found.headings == ["stop", "paths", "reach (mm)", "speed (m/s)"]
+    assert found.rows == [["upper", "12345", "4.00 ± 0.20", "2.5"]]
+    with shown_in(units_of("in, in/s")):
+        (found,) = Grid.stated("stops", rows, 0, ["speed", "reach"])
+    assert found.headings == ["speed (in/s)", "reach (in)"]
+    assert found.rows == [["98.43", "0.1575 ± 0.0077"]]
+    assert Grid.stated("stops", [(Shown("lower", 1),)])[0].rows == [["lower", "1", "-", "-"]]
+    assert Grid.stated("stops", []) == []
 
 
 def test_a_view_of_nothing_is_noticed() -> None:
