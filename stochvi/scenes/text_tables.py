@@ -143,9 +143,11 @@ UNSCALED = re.compile(
 """Pattern of a heading with such a unit. V alone may also name what is vertical."""
 
 SENSITIVITY = re.compile(
-    rf"[^\s,;]*{RAW}\s*(?:/|\bper\b)\s*(?!Hz)\S+|\S+\s*(?:/|\bper\b)\s*{RAW}\b"
+    rf"(?<![^\s,;])[^\s,;]*{RAW}\s*(?:/|\bper\b)\s*(?!Hz)\S+|"
+    rf"(?<!\S)\S+\s*(?:/|\bper\b)\s*{RAW}\b"
 )
-"""Pattern of the sensitivity of a sensor, "100 mV/g", whose g is not the unit of the values."""
+"""Pattern of the sensitivity of a sensor, "100 mV/g", whose g is not the unit of the values. It
+begins where words do, so that the time it takes is that of a reading."""
 
 LABELLED_UNIT = re.compile(
     r"(?:[xy][_ ])?(?:units?|einheit(?:en)?)(?:[_ ]label)?\s*[:=]\s*(\S+)", re.I
