@@ -110,6 +110,10 @@ class PairRisk:
     impact_speed_mean: Estimate | None = None
 
 
+OF_A_CHANCE = ("lower", "upper", "way", "trials", "seconds", "crude_seconds")
+"""Fields of a probability that are columns of the table."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Reliability(Result):
     """The risk of a mission: `chances` by event, and `hits`, the expected number of impacts.
@@ -172,12 +176,7 @@ class Reliability(Result):
                 "probability": chance.estimate.value,
                 "standard_error": chance.estimate.standard_error,
                 "bias": chance.estimate.bias,
-                "lower": chance.lower,
-                "upper": chance.upper,
-                "way": chance.way,
-                "trials": chance.trials,
-                "seconds": chance.seconds,
-                "crude_seconds": chance.crude_seconds,
+                **{name: getattr(chance, name) for name in OF_A_CHANCE},
             }
             for chance in self.chances.values()
         )
