@@ -525,7 +525,8 @@ def test_the_command_sizes_a_box(stochvi: Run, tmp_path: Path) -> None:
     for each in (*document["clearances"].values(), document["probability"]):
         assert each["lower"] < each["value"] < each["upper"]
     assert set(document["clearances"]) == {"corner 1", "corner 2", "side"}
-    assert "pair by pair" in done.err
+    made = document["made"]["corner 1"]["value"]
+    assert f"Make {1e3 * made:.1f} mm at corner 1, " in done.err and "pair by pair" not in done.err
     page = (tmp_path / "report.html").read_text()
     assert "largest of each column over the whole region" in page and "the box bounces" in page
     assert [mode["frequency_hz"] for mode in document["box"]["modes"]] == pytest.approx(
