@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stochvi.isolators.sizing.answer import UNFELT
 from stochvi.mathematics.units import (
     LENGTH,
     NUMBER,
@@ -326,6 +325,10 @@ def of_less_risk(sizing: Sizing) -> list[str]:
 def to_copy(found: ClearanceAnswer) -> list[str]:
     """The stops to copy into a scene file, with where they belong and from where they are measured;
     none where there is nothing to make."""
+    from stochvi.isolators.sizing.answer import (
+        UNFELT,  # with the kernels, which a theory is without
+    )
+
     copied = found.stops_to_copy()
     line = f"Copy into the scene file (m from the unloaded spring): {copied}"
     if not found.several and abs(found.rest) > UNFELT:
