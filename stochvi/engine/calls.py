@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from stochvi.engine.arithmetic import uniform_of, word_of_step
 from stochvi.engine.compiling import kernel
-from stochvi.engine.laws import compiled_of
+from stochvi.engine.impact_laws import compiled_of
 from stochvi.engine.parts import (
     Affine,
     force,

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from stochvi.engine.arithmetic import uniform_of
 from stochvi.engine.calls import MOST_DRAWS, drawn, draws, kept
 from stochvi.engine.compiling import kernel
-from stochvi.engine.laws import compiled_of, ingredients_of
+from stochvi.engine.impact_laws import compiled_of, ingredients_of
 from stochvi.engine.parts import (
     damps,
     kicked,

@@ -31,7 +31,7 @@ from stochvi.engine.arithmetic import (
 from stochvi.engine.borrowed import borrowed
 from stochvi.engine.calls import Stops, press_all
 from stochvi.engine.compiling import kernel
-from stochvi.engine.contacts import (
+from stochvi.engine.compliant_contacts import (
     APART,
     NO_PAIR,
     PUSHES,

@@ -839,7 +839,7 @@ class SpringFunction(SpringForce):
 
     @model_validator(mode="after")
     def _gives_numbers(self) -> Self:
-        from stochvi.engine.laws import contents_of
+        from stochvi.engine.impact_laws import contents_of
 
         if fault := arguments_fault(self.force):
             raise ValueError(
@@ -892,7 +892,7 @@ class SpringFunction(SpringForce):
 
     def compiled(self, mass: float) -> Any:
         from stochvi.engine.characteristics import part_of
-        from stochvi.engine.laws import NotCompiled
+        from stochvi.engine.impact_laws import NotCompiled
 
         try:
             kind = part_of(self.force, self.needs == "both")

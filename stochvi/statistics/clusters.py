@@ -20,7 +20,7 @@ from stochvi.mathematics.units import explain_methods
 from stochvi.mathematics.unsteady_noise import Crossings, Sines
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.choose_plan import GapResponse, shaken_by_tables, unmet
-from stochvi.methods.monte_carlo.kernels.records import motions_around
+from stochvi.methods.monte_carlo.kernels.crossings_and_cycles import motions_around
 from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.model.coverage import free_motion
@@ -54,8 +54,8 @@ from stochvi.statistics.crossings import (
 #     q_m(t) = x_m(t) + (u - x_c(0)) rho_m(t) + (p - x_c'(0)) eta_m(t),
 #     rho_m(t) = E[q_m(t) y_c(0)] / E y_c^2,    eta_m(t) = E[q_m(t) y_c'(0)] / E y_c'^2
 #
-# before and after the crossing (`kernels.records`). Where the crossing is a first impact of any
-# pair, the engine in modal coordinates simulates what all stops change in that motion. Beside sines
+# before and after the crossing (`kernels.crossings_and_cycles`). Where the crossing is a first
+# impact of any pair, the engine simulates what all stops change in that motion. Beside sines
 # x_m is the noise alone, and the sines of each mode are added at the phases of the crossing.
 # ------------------------------------------------------------------------------
 

@@ -24,7 +24,7 @@ from stochvi.mathematics.unsteady_noise import (
     even_phases,
 )
 from stochvi.methods.monte_carlo.choose_plan import GapResponse, plan_gaps
-from stochvi.methods.monte_carlo.kernels.records import (
+from stochvi.methods.monte_carlo.kernels.crossings_and_cycles import (
     ShockResponses,
     StatesAtCrossings,
     Waves,
@@ -397,7 +397,7 @@ def largest_error(found: CrossingAges, mission: float) -> float:
 # sines or shocks it is one about means that move (`mathematics.unsteady_noise`). A first impact of
 # any pair is its first outcrossing of the region in which no gap is beyond a stop. Every stop has
 # its own outcrossings, with the rate of Rice; around one of them all gaps are Gaussian, with the
-# cross-correlations of the process (`monte_carlo.kernels.records`). Before it lies the last
+# cross-correlations of the process (`kernels.crossings_and_cycles`). Before it lies the last
 # exceedance of any stop of any pair. The time between them says for how long it would have been the
 # first impact (`CrossingAges`). Pairs that move together are thereby counted together.
 # ------------------------------------------------------------------------------
@@ -1026,7 +1026,7 @@ class GapRecords:
 # Before the first contact the gaps move as if there were no stops: linearly, and Gaussian where the
 # excitation is. The probability of any impact in a mission depends on no impact law, therefore, and
 # needs no impact. Around an outcrossing of a stop the process is Slepian's (see
-# `monte_carlo.kernels.records`), so the records of gaps (`GapRecords`) look back from a given
+# `kernels.crossings_and_cycles`), so the records of gaps (`GapRecords`) look back from a given
 # crossing of one gap. A probability of 1e-9 costs no more than one of 0.1, and the same records
 # serve any number of levels. `CrossingAges` has the formulas.
 # ------------------------------------------------------------------------------

@@ -43,8 +43,8 @@ from stochvi.engine.calls import (
     stops_of,
 )
 from stochvi.engine.compiling import kernel
-from stochvi.engine.contacts import Tally, finish_alone, make_workspace
-from stochvi.engine.laws import CELLS
+from stochvi.engine.compliant_contacts import Tally, finish_alone, make_workspace
+from stochvi.engine.impact_laws import CELLS
 from stochvi.engine.one_mass import DURATION, TABLE_ERROR, MassStops
 from stochvi.engine.parts import is_rigid, rebound
 from stochvi.engine.sub_steps import CONTACT_ERROR, V1, held_back, loss_of, responses_of, rub

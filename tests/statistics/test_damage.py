@@ -44,7 +44,7 @@ from stochvi.cli.options import band
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import Table
 from stochvi.methods.monte_carlo.choose_plan import plan_histories
-from stochvi.methods.monte_carlo.kernels.records import STACK, count_turn, open_cycles
+from stochvi.methods.monte_carlo.kernels.crossings_and_cycles import STACK, count_turn, open_cycles
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import model_of
 from stochvi.results.estimates import format_with_error

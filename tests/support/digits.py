@@ -12,7 +12,7 @@ import numpy as np
 
 from stochvi import Restitution, Viscoelastic, load_scene
 from stochvi.engine.calls import functions_of, stops_of
-from stochvi.engine.contacts import make_workspace
+from stochvi.engine.compliant_contacts import make_workspace
 from stochvi.engine.sub_steps import responses_of
 from stochvi.engine.together import Ends, Scene, finish_together
 from stochvi.methods.monte_carlo.choose_plan import make_plan

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from stochvi.engine.laws import Restitution
+from stochvi.engine.impact_laws import Restitution
 from stochvi.mathematics.numerics import Vector
 from stochvi.methods.monte_carlo.kernels.one_mass import (
     FORCE,

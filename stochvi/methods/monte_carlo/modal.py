@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stochvi.engine.arithmetic import NO_RECORD, Log
 from stochvi.engine.calls import Characteristics, Statistics, Stops, functions_of, stops_of
-from stochvi.engine.contacts import MOST_SWEEPS
+from stochvi.engine.compliant_contacts import MOST_SWEEPS
 from stochvi.engine.parts import Affine
 from stochvi.engine.sub_steps import MOMENTS, MOST_TERMS, Responses, responses_of
 from stochvi.mathematics.numerics import Matrix, Vector

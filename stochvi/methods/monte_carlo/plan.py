@@ -17,7 +17,7 @@ from pydantic import PrivateAttr, model_validator
 
 from stochvi.engine.arithmetic import Log
 from stochvi.engine.calls import NO_STATISTICS, Statistics, addresses_of
-from stochvi.engine.laws import NotCompiled, compiled_of, contents_of
+from stochvi.engine.impact_laws import NotCompiled, compiled_of, contents_of
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.model.build_response import power_of_stop

@@ -15,7 +15,7 @@ from scipy.special import ndtr
 
 from stochvi.engine.arithmetic import ENDED, IMPULSE, LOSS, NO_LOG, NO_RECORD, PEAK, TIME, Log
 from stochvi.engine.calls import Stops, functions_of, stops_of
-from stochvi.engine.laws import ScatteredRestitution
+from stochvi.engine.impact_laws import ScatteredRestitution
 from stochvi.engine.one_mass import Complete, MassStops, complete_contacts
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, TruncatedNormal, gaussian_stop
 from stochvi.mathematics.numerics import Vector, root_between

@@ -409,7 +409,7 @@ class DriveFunction(DrawnExcitation):
 
     @model_validator(mode="after")
     def _gives_numbers(self) -> Self:
-        from stochvi.engine.laws import contents_of
+        from stochvi.engine.impact_laws import contents_of
 
         wanted = "needs function that takes a value, a time (s) and a uniform number"
         if fault := arguments_fault(self.function, 3):
@@ -451,7 +451,7 @@ class DriveFunction(DrawnExcitation):
 
     def compiled(self, mass: float) -> Any:
         from stochvi.engine.characteristics import drive_part_of
-        from stochvi.engine.laws import NotCompiled
+        from stochvi.engine.impact_laws import NotCompiled
 
         try:
             kind = drive_part_of(self.function)

@@ -194,8 +194,8 @@ class ImpactLaw(Checked):
         return self
 
     def compiled(self) -> Any | None:
-        """The law as compiled kernels know it, a class of `engine.laws` with its numbers, for a law
-        for forces per unit mass; None if there is none."""
+        """The law as compiled kernels know it, a class of `engine.impact_laws` with its numbers, for
+        a law for forces per unit mass; None if there is none."""
         return None
 
     def form(self) -> Form | None:
@@ -457,7 +457,7 @@ class ForceFunction(CompliantLaw):
 
     @model_validator(mode="after")
     def _pushes(self) -> Self:
-        from stochvi.engine.laws import contents_of
+        from stochvi.engine.impact_laws import contents_of
 
         if fault := arguments_fault(self.force):
             raise ValueError(
@@ -566,7 +566,7 @@ class ForceFunction(CompliantLaw):
         return f"{self.word}, force {_name_of(self.force)}"
 
     def compiled(self) -> NamedTuple:
-        from stochvi.engine.laws import NotCompiled, law_of
+        from stochvi.engine.impact_laws import NotCompiled, law_of
 
         try:
             kind = law_of(self.force, not self.conservative)
@@ -748,7 +748,7 @@ class ForceTable(CompliantLaw):
         return f"force over deflection, {most:.4g} N at {deepest} mm{tail}"
 
     def compiled(self) -> NamedTuple:
-        from stochvi.engine.laws import ForceTable as Compiled
+        from stochvi.engine.impact_laws import ForceTable as Compiled
 
         return Compiled.of(self.pieces.T)
 
@@ -880,7 +880,7 @@ class Hertz(CompliantLaw):
         return f"{self.word}, coefficient {self.coefficient:.4g} N/m^1.5"
 
     def compiled(self) -> NamedTuple:
-        from stochvi.engine.laws import Hertz as Compiled
+        from stochvi.engine.impact_laws import Hertz as Compiled
 
         return Compiled(self.coefficient)
 
@@ -1025,7 +1025,7 @@ class PowerLaw(CompliantLaw):
         return f"{self.word}, coefficient {self.coefficient:.4g} N/m^{self.exponent:g}{lost}"
 
     def compiled(self) -> NamedTuple:
-        from stochvi.engine.laws import Power
+        from stochvi.engine.impact_laws import Power
 
         return Power(self.coefficient, self.exponent, self.loss, self._power)
 
@@ -1277,7 +1277,7 @@ class Elastic(LinearLaw):
         return f"{self.word}, stiffness {self.stiffness:.4g} N/m"
 
     def compiled(self) -> NamedTuple:
-        from stochvi.engine.laws import Viscoelastic as Compiled
+        from stochvi.engine.impact_laws import Viscoelastic as Compiled
 
         return Compiled(self.stiffness, 0.0)
 
@@ -1378,7 +1378,7 @@ class Viscoelastic(LinearLaw):
         return f"{self.word}, {numbers}" + (f" of {self.mass:g} kg" if self.mass else "")
 
     def compiled(self) -> NamedTuple:
-        from stochvi.engine.laws import Viscoelastic as Compiled
+        from stochvi.engine.impact_laws import Viscoelastic as Compiled
 
         return Compiled(self.stiffness, self.damping(1.0))
 

@@ -206,8 +206,8 @@ class Restitution(RigidLaw):
         return f"rigid, restitution {self.restitution:g}{drawn}"
 
     def compiled(self) -> NamedTuple:
-        from stochvi.engine.laws import Restitution as Compiled
-        from stochvi.engine.laws import ScatteredRestitution
+        from stochvi.engine.impact_laws import Restitution as Compiled
+        from stochvi.engine.impact_laws import ScatteredRestitution
 
         law = self.scatter
         return Compiled(self.restitution) if law is None else ScatteredRestitution.of(law)
@@ -440,7 +440,7 @@ class SpeedRestitution(RigidLaw):
         return speeds, self.restitution_at(speeds)
 
     def compiled(self) -> NamedTuple:
-        from stochvi.engine.laws import SpeedRestitution as Compiled
+        from stochvi.engine.impact_laws import SpeedRestitution as Compiled
 
         return Compiled.of(*self._sampled)
 

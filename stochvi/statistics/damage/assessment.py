@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import shown
 from stochvi.methods.monte_carlo.choose_plan import HistoryPlan, check_price, plan_histories
-from stochvi.methods.monte_carlo.kernels.records import BEFORE, NODES
+from stochvi.methods.monte_carlo.kernels.crossings_and_cycles import BEFORE, NODES
 from stochvi.methods.replay.kernel import SPEED, STOP, TIME
 from stochvi.methods.replay.march import Motion, integrate, rest_of
 from stochvi.methods.replay.recorded_motion import (

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.methods.monte_carlo.choose_plan import HistoryPlan, ImpactLog
-from stochvi.methods.monte_carlo.kernels.records import BEFORE, NODES
+from stochvi.methods.monte_carlo.kernels.crossings_and_cycles import BEFORE, NODES
 from stochvi.model.model import Model
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable

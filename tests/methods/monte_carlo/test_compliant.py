@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from stochvi import ForceTable, Matrices, Oscillator, Response, check, simulate
 from stochvi.engine.arithmetic import ENDED, IMPULSE, LOSS, PEAK, TIME
-from stochvi.engine.laws import Hertz as CompiledHertz
+from stochvi.engine.impact_laws import Hertz as CompiledHertz
 from stochvi.engine.sub_steps import CONTACT_ERROR, Swing, sub_step
 from stochvi.methods.closed_form import displacement_density, exact
 from stochvi.methods.linearisation import linearise

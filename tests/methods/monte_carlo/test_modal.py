@@ -32,7 +32,7 @@ from stochvi import (
 )
 from stochvi.engine.arithmetic import COLUMNS, Log, first_root
 from stochvi.engine.compiling import kernel
-from stochvi.engine.contacts import put_on_stop
+from stochvi.engine.compliant_contacts import put_on_stop
 from stochvi.engine.sub_steps import V1, Y1, Responses
 from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.spectra import (

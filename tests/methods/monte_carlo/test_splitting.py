@@ -30,7 +30,7 @@ from stochvi import (
     simulate,
 )
 from stochvi.engine.arithmetic import COLUMNS, Log
-from stochvi.engine.laws import CELLS, ScatteredRestitution
+from stochvi.engine.impact_laws import CELLS, ScatteredRestitution
 from stochvi.mathematics.impact_rates import BetaDistribution
 from stochvi.methods.fokker_planck import motion as rules
 from stochvi.methods.monte_carlo.choose_plan import make_plan

@@ -44,7 +44,7 @@ from stochvi import (
     simulate,
 )
 from stochvi.engine.calls import FIRST_DRAW, MOST_DRAWS, changes_of
-from stochvi.engine.laws import CELLS
+from stochvi.engine.impact_laws import CELLS
 from stochvi.methods.replay import Replay
 from stochvi.methods.replay.march import SampledExcitation, integrate
 from stochvi.model.model import model_of

@@ -19,7 +19,7 @@ from stochvi.engine.arithmetic import (
     uniform_of,
 )
 from stochvi.engine.compiling import kernel
-from stochvi.engine.laws import ScatteredRestitution
+from stochvi.engine.impact_laws import ScatteredRestitution
 from stochvi.engine.parts import generic, rebound
 from stochvi.methods.monte_carlo.kernels.random_numbers import (
     LANES,

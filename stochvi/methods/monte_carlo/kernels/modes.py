@@ -26,7 +26,7 @@ from stochvi.engine.calls import (
     take_samples,
 )
 from stochvi.engine.compiling import kernel
-from stochvi.engine.contacts import END_ROWS, Following, Workspace, make_workspace
+from stochvi.engine.compliant_contacts import END_ROWS, Following, Workspace, make_workspace
 from stochvi.engine.sub_steps import Responses
 from stochvi.engine.together import Ends, Scene, Waiting, finish_together, make_waiting
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
