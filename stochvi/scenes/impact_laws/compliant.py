@@ -194,8 +194,8 @@ class ImpactLaw(Checked):
         return self
 
     def compiled(self) -> Any | None:
-        """The law as compiled kernels know it, a class of `engine.impact_laws` with its numbers, for
-        a law for forces per unit mass; None if there is none."""
+        """The law as compiled kernels know it, a class of `engine.impact_laws` with its numbers,
+        for a law for forces per unit mass; None if there is none."""
         return None
 
     def form(self) -> Form | None:
