@@ -253,6 +253,11 @@ class ModalTablesPlan(ModalContactsPlan):
         return max(1, min(most, round(self.duration / self.blocks / self.step)))
 
     @property
+    def _stride(self) -> int:
+        # over all samples of a block the mean of one mode without stops is 0
+        return 1 if self.modes.size == 1 else super()._stride
+
+    @property
     def steps(self) -> int:
         """Counted samples of a path."""
         return self._counted_of_block * self.blocks
