@@ -640,10 +640,11 @@ def test_how_much_of_a_table_was_taken_is_said(tmp_path: Path) -> None:
     (tmp_path / "floor.csv").write_text("0 0\n10 0.02\n60 0.02\n")
     table = TabulatedNoise(file=str(tmp_path / "floor.csv"), unit="g2/Hz", level_db=6.0)
     mount = Isolator(frequency_hz=12.0, zeta=0.1)
-    # 0.02 g^2/Hz over 50 Hz and half of that over 10 Hz, raised by 6 dB; the straight line from 0 Hz
-    # is made of 100 points
+    # 0.02 g^2/Hz over 50 Hz and half of that over 10 Hz, raised by 6 dB; 100 points stand for the
+    # straight line from 0 Hz
     assert explain(Scene(structure=mount, excitations=[table])).assumptions[0] == (
-        "tabulated noise on base: floor.csv, at +6 dB, 102 points in g2/Hz, 0.01 to 60 Hz, 2.093 g rms"
+        "tabulated noise on base: floor.csv, at +6 dB, 102 points in g2/Hz, 0.01 to 60 Hz, "
+        "2.093 g rms"
     )
     force = TabulatedNoise(frequency_hz=[1.0, 3.0], density=[8.0, 8.0], unit="N2/Hz", on="x")
     fixed = Oscillator(mass=1.0, damping=0.5, stiffness=99.0)
