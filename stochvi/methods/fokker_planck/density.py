@@ -102,8 +102,8 @@ class StripDensity:
         first = len(self._from_left)
         lower = np.searchsorted(self._from_left, above, side="left")
         upper = first + np.searchsorted(self._from_right, below, side="left")
-        near_left = (above <= -below) & (first > 0)
-        place = np.where(near_left & (lower < first), lower, upper)
+        # strips that count from the left end may reach beyond the middle, as those before a stop do
+        place = np.where(lower < first, lower, upper)
         place = np.clip(place, 0, len(self.solved.strips) - 1)
         near = np.array([s.near for s in self.solved.strips])[place]
         far = np.array([s.far for s in self.solved.strips])[place]

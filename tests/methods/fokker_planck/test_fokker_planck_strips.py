@@ -532,6 +532,31 @@ def test_what_leaves_a_stop_has_the_density_of_what_came(lossy: StationaryDensit
     assert (np.abs(came - 0.25 * left) <= 4.0 * error + 1e-6 * came).all()
 
 
+BEYOND_THE_MIDDLE = {
+    "two stops": stopped(-1.0, 1.0, Viscoelastic(stiffness=50.0, damping_ratio=0.3)),
+    "one stop": stopped(None, 1.0, Viscoelastic(stiffness=50.0, damping_ratio=0.3)),
+    "a lower stop": stopped(-1.0, None, Viscoelastic(stiffness=50.0, damping_ratio=0.1)),
+}
+
+
+@pytest.mark.parametrize("name", BEYOND_THE_MIDDLE)
+def test_the_density_has_no_jump_where_strips_reach_beyond_the_middle(name: str) -> None:
+    """Strips before a compliant stop are counted from the other end of a box whose middle they
+    pass; beyond it the density was read from the strip at the stop, and jumped by a fifth."""
+    found = fokker_planck_density(BEYOND_THE_MIDDLE[name], rtol=1e-5)
+    box = found.fine.scaled
+    x = np.linspace(-1.2, 1.2, 4801)
+    for v in (-0.3, 0.3):
+        p = found.density(x, v)
+        steps = np.abs(np.diff(p))  # the step of places is 0.0005
+        assert steps.max() < 5e-3 * p.max(), (name, v, x[steps.argmax()])
+    middle = box.left + 0.5 * (box.right - box.left)
+    sides = found.density(np.array([middle - 1e-9, middle + 1e-9]), -0.3)
+    assert sides[0] == pytest.approx(sides[1], rel=1e-4)
+    whole = np.linspace(box.left if not box.halved else -box.right, box.right, 20001)
+    assert np.trapezoid(found.displacement_density(whole), whole) == pytest.approx(1.0, abs=1e-5)
+
+
 def test_the_density_is_positive_within_its_error(lossy: StationaryDensity) -> None:
     x = np.concatenate([np.linspace(-0.6, 1.1, 200), 1.1 - np.geomspace(1e-8, 0.1, 50)])[:, None]
     v = np.concatenate([np.linspace(-5.0, 5.0, 101), np.geomspace(1e-3, 0.1, 20)])
