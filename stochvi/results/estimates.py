@@ -390,9 +390,37 @@ NEGLIGIBLE_BIAS = 0.2
 """Bias, in standard errors, that widens the 95 % interval by a tenth; a smaller one is not told."""
 
 
+class WithValue:
+    """What has a value and its errors, and is its value where Python converts, rounds, formats or
+    orders numbers."""
+
+    value: float
+
+    def __float__(self) -> float:
+        return float(self.value)
+
+    def __round__(self, digits: int | None = None) -> float:
+        return round(float(self.value), digits)
+
+    def __format__(self, form: str) -> str:
+        return format(float(self.value), form) if form else str(self)
+
+    def __lt__(self, number: float) -> bool:
+        return self.value < _plain_number(number)
+
+    def __le__(self, number: float) -> bool:
+        return self.value <= _plain_number(number)
+
+    def __gt__(self, number: float) -> bool:
+        return self.value > _plain_number(number)
+
+    def __ge__(self, number: float) -> bool:
+        return self.value >= _plain_number(number)
+
+
 @explain_methods
 @dataclass(frozen=True, kw_only=True)
-class Estimate:
+class Estimate(WithValue):
     """A number with its errors.
 
     Parameters
@@ -426,9 +454,10 @@ class Estimate:
     independent. The bias is added whole, as its sign is not known. `check`, `assert_agrees` and all
     intervals of tables, pages and pictures follow this rule. A bias of None leaves no interval.
 
-    `float(estimate)` is its value. An estimate may be multiplied or divided by a plain number, or
-    have a plain number added; its errors change accordingly. Two estimates cannot be combined by an
-    operator, because the correlation of their errors is not known.
+    `float(estimate)` is its value, and so is what is rounded, formatted (`f"{rate:.3f}"`) or
+    compared with a plain number. An estimate may be multiplied or divided by a plain number, or
+    have a plain number added; its errors change accordingly. Two estimates cannot be combined or
+    ordered by an operator, because the correlation of their errors is not known.
 
     Examples
     --------
@@ -437,8 +466,8 @@ class Estimate:
     0.28280(40) [256 paths]
     >>> rate * 3600.0
     1018.1(1.4) [256 paths]
-    >>> float(rate)
-    0.2828
+    >>> float(rate), round(rate, 2), f"{rate:.3f}", rate < 0.3
+    (0.2828, 0.28, '0.283', True)
     >>> Estimate(value=0.28, standard_error=0.003, bias=0.002, bias_error=0.004, how="64 paths")
     0.2800(30), bias up to 0.0059 [64 paths]
     >>> [round(end, 4) for end in rate.interval()]
@@ -473,9 +502,6 @@ class Estimate:
                 raise ValueError(f"{name} must be finite, got {number}")
             if number < 0.0 and name != "value":
                 raise ValueError(f"{name} must be at least 0, got {number}")
-
-    def __float__(self) -> float:
-        return float(self.value)
 
     def __mul__(self, factor: float) -> Estimate:
         factor = _plain_number(factor)
@@ -646,7 +672,7 @@ def _plain_number(number: object) -> float:
         )
     if isinstance(number, bool) or not isinstance(number, Real):
         raise TypeError(
-            f"an Estimate can be combined with plain numbers only, got {type(number).__name__}"
+            f"a value with errors takes plain numbers only, got {type(number).__name__}"
         )
     return float(number)
 

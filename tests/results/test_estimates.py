@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from stochvi.isolators.sizing.answer import Clearance
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.linearisation import linearise
@@ -166,6 +167,23 @@ def test_an_estimate_is_a_number_for_python_and_numpy():
     assert math.sqrt(KNOWN * 2) == 2.0
     assert Estimate(value=1.0) != 1.0 and Estimate(value=1.0) == Estimate(value=1.0)
     assert len({Estimate(value=1.0), Estimate(value=1.0)}) == 1
+
+
+def test_an_estimate_is_rounded_formatted_and_ordered_by_its_value():
+    found = Estimate(value=2.34567, standard_error=0.3, how="16 paths")
+    assert (f"{found:.3f}", f"{found:10.1e}", f"{found}") == ("2.346", "   2.3e+00", str(found))
+    assert (round(found, 3), round(found)) == (2.346, 2)
+    assert found < 2.4 and found <= 3 and found > np.float64(2.3) and found >= 2
+    assert found < 2.4 and not found > 2.4 and not found < 2.34567 and max(found, 2.0) is found
+    for other in (found, "2", None):
+        with pytest.raises(TypeError):
+            operator.lt(found, other)
+
+
+def test_a_clearance_is_a_number_by_its_value():
+    found = Clearance(value=4.9e-3, lower=4.8e-3, upper=5e-3)
+    assert (f"{found:.4f}", f"{found}", float(found)) == ("0.0049", str(found), 4.9e-3)
+    assert found < 5e-3 and not found < 4.8e-3 and round(found, 3) == 5e-3
 
 
 def test_all_errors_make_one_interval():

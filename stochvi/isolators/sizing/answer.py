@@ -23,6 +23,7 @@ from stochvi.results.base import DataFrame, Named, Response, Result, frame_of, k
 from stochvi.results.estimates import (
     GAUSSIAN_95,
     Estimate,
+    WithValue,
     capital,
     count_of,
     spoken_percent,
@@ -307,7 +308,7 @@ divided by 10 until it is at most `FINEST_SHARE` of the clearance."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class RoundedClearance:
+class RoundedClearance(WithValue):
     """A clearance rounded up to what can be made, and the step, both in m and in mm."""
 
     value: float
@@ -351,7 +352,7 @@ class RoundedClearance:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Clearance:
+class Clearance(WithValue):
     """Metres per side from the static equilibrium, and the 95 % interval of the calculation.
 
     The interval reaches from 0 to the value where a smaller clearance may do as well
