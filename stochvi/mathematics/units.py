@@ -964,11 +964,12 @@ def shown_as(si_unit: str) -> ShownQuantity:
 def _quantity_of(si_unit: str) -> tuple[str, Size, int, str]:
     """The parts of a `ShownQuantity` by its SI unit; a quotient is read from its parts."""
     above, _, below = si_unit.rpartition("/")
-    known, per = BY_SI_UNIT.get(si_unit), ""
-    if known is None and above and below in PER:
-        known, per = BY_SI_UNIT.get(above), f"/{below}"
-    quantity, power, own = known or (si_unit, 1, "")
-    return quantity, Size(si_unit, 1.0), power, own + per
+    if si_unit not in BY_SI_UNIT and above and below in PER:
+        quantity, _, power, per = _quantity_of(above)
+        if quantity != above:
+            return quantity, Size(si_unit, 1.0), power, f"{per}/{below}"
+    quantity, power, per = BY_SI_UNIT.get(si_unit, (si_unit, 1, ""))
+    return quantity, Size(si_unit, 1.0), power, per
 
 
 def readable(si_unit: str) -> ShownQuantity:

@@ -16,7 +16,7 @@ import tempfile
 import tracemalloc
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from types import SimpleNamespace
@@ -33,13 +33,20 @@ from pandas.api.types import is_float_dtype
 
 import stochvi
 from stochvi import Elastic, ImpactPair, Isolator, Oscillator, Restitution, Scene, WhiteNoise
+from stochvi.cli import answer_schema as schemas
 from stochvi.cli.answer_schema import answer_schema
 from stochvi.cli.program import main
 from stochvi.identification import DropRecord, ForceCurve, Rebounds
 from stochvi.isolators import Spread, perturbations
 from stochvi.isolators.record_verdict import response_law
 from stochvi.isolators.sizing import Sizing
-from stochvi.mathematics.units import shown_as, shown_in, units_of, units_passed_over
+from stochvi.mathematics.units import (
+    WITHOUT_CHOICE,
+    shown_as,
+    shown_in,
+    units_of,
+    units_passed_over,
+)
 from stochvi.methods import periodic
 from stochvi.methods.monte_carlo import record_path
 from stochvi.methods.periodic import SwitchedDrive
@@ -72,6 +79,47 @@ from support.commands import refused
 from support.known import oscillator
 from support.pairs import pair, uncoupled
 from support.sized import scene_between_stops, sizing_of
+
+SAID_IN_SENTENCES = {
+    "BestBox.ratio", "Chance.estimate", "CoordinateReplay.displacement_mean",
+    "Damage.impact_loss_per_hour", "Damage.impact_work_per_hour", "Damage.impacts_per_hour",
+    "Exponent.fitted", "FirstPassage.decay_rate", "FirstPassage.mean_time",
+    "FirstPassage.rice_rate", "PairReplay.hits_lower", "PairReplay.hits_upper",
+    "PairReplay.impact_speed_mean", "PairRisk.expected_hits", "PairRisk.impact_speed_mean",
+    "PairRisk.probability", "Performance.velocity_std", "PlayRatio.ratio",
+}  # fmt: skip
+"""Numbers of answers that no table of stated fields shows: a view names each."""
+
+
+def test_every_number_of_an_answer_states_its_words_and_a_unit_that_is_known() -> None:
+    """A field without them is in JSON, and silently in no table; a unit that is not parsed stays
+    where others are chosen."""
+    known = schemas.Definitions()
+    for kind in schemas.kinds():
+        known.reference(kind)
+    unstated, units = set(), set()
+    for kind in filter(is_dataclass, known._names):
+        stated = {}
+        for each in fields(kind):
+            if str(each.type) not in ("Estimate", "Estimate | None"):
+                continue
+            said = each.metadata.get("stated")
+            if said is None:
+                unstated.add(f"{kind.__name__}.{each.name}")
+                continue
+            units |= {said.unit, said.unit.replace("J", "J/kg", 1)}
+            stated[said] = each.name
+            assert said.words, (kind, each.name)
+        count = sum(each.metadata.get("stated") in stated for each in fields(kind))
+        assert count == len(stated), f"two numbers of {kind.__name__} have the same words and unit"
+    assert unstated == SAID_IN_SENTENCES
+    with shown_in(units_of("mm, mJ, mN, ms")):
+        for unit in units - WITHOUT_CHOICE:
+            shown_as(unit)
+        assert not units_passed_over()
+        assert str(shown_as("J/kg/h")) == "mJ/kg/h"
+        shown_as("J/furlong")
+        assert list(units_passed_over()) == ["J/furlong"]
 
 
 def lossy() -> Scene:
