@@ -29,7 +29,6 @@ from stochvi.results.errors import (
     Interrupted,
     NotApplicable,
     NotConverged,
-    StochviError,
     reason_of,
 )
 from stochvi.results.estimates import (
@@ -415,14 +414,12 @@ class Job:
 
     def _sized(self, folder: Path | None, run: Run) -> Sizing | MissionSizing:
         from stochvi.isolators import size
+        from stochvi.isolators.sizing.risk_curve import OutOfReach
 
         try:
             found: Sizing | MissionSizing = self._sampled(size, folder, run)
             return found
-        except ValueError as error:
-            if isinstance(error, StochviError):
-                raise
-            # a target that no clearance meets in one scene may be met in the next
+        except OutOfReach as error:  # in one scene; the next may meet it
             raise NotApplicable("size", [str(error)]) from error
 
     def _sampled(self, calculate: Callable[..., Any], folder: Path | None, run: Run) -> Any:

@@ -358,6 +358,13 @@ def test_the_keys_of_an_absorber_can_be_varied() -> None:
     assert table["structure.displacement_std"].nunique() == 4
 
 
+def test_a_target_out_of_reach_is_the_note_of_its_row() -> None:
+    truck = load_scene(shipped_scene("isolator-truck"))
+    asked = {"probability": 0.9, "mission": 1e-3, "rel_error": 0.5}
+    table = sweep(truck, {"structure.zeta": [0.1, 0.2]}, method="size", **asked)
+    assert table["note"].str.contains("probability must be at most").all()
+
+
 def test_what_a_method_does_not_cover_is_noted() -> None:
     table = sweep(oscillator(), {R: [0.5, 1.0]}, method="exact")
     assert "restitution" in table["note"].iloc[0] and table["note"].iloc[1] == ""
@@ -723,6 +730,10 @@ def test_ranges_that_are_none_are_refused(vary: object, said: str) -> None:
         ({"seed": 1.5}, "seed must be a whole number"),
         ({"out": ""}, "out must name a folder"),
         ({"checkpoint": "run", "out": "rows"}, "give checkpoint or out, not both"),
+        ({"method": "size"}, "give exactly one of probability, rate.* got none"),
+        ({"method": "size", "probability": 2.0}, r"probability must be in \(0, .*got 2"),
+        ({"method": "size", "rate": "a"}, "rate must be a number"),
+        ({"method": "size", "rate": 1.0, "pair": "wall"}, "pair must name impact pairs"),
         ({"method": "closure", "form": "clumps"}, "form must be left out .* method='linearise'"),
     ],
 )

@@ -28,6 +28,7 @@ from stochvi.isolators.sizing.answer import (
 )
 from stochvi.isolators.sizing.risk_curve import (
     KNOWN,
+    OutOfReach,
     RiskCurve,
     chance_in_windows,
     chance_of_stops,
@@ -844,7 +845,7 @@ class TotalRisk:
         half width of its logarithm."""
         wanted = math.log(-math.log1p(-probability))
         if not self.logs[0] <= wanted <= self.logs[-1]:
-            raise ValueError(
+            raise OutOfReach(
                 f"probability must be in [{self.least:.3g}, {self.most:.3g}], as at the clearances "
                 f"that are tried for this mission, got {probability:g}; ask for another "
                 "probability or mission"

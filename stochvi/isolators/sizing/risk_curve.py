@@ -157,14 +157,14 @@ class RiskCurve:
         curve = self._interpolated(usable, logs)
         low, high = self.clearances[usable][[0, -1]]
         if wanted > curve(low):
-            raise ValueError(
+            raise OutOfReach(
                 f"probability must be at most {self.probability(low):.3g} for a mission of "
                 f"{self.mission:g} s, as at {1e3 * low:.4g} mm, the smallest clearance that is "
                 f"tried ({low / self.sigma:.3g} sigma), got {probability:g}; "
                 "ask for a smaller probability or a longer mission"
             )
         if wanted < curve(high):
-            raise ValueError(
+            raise OutOfReach(
                 f"probability must be at least {self.probability(high):.3g} for a mission of "
                 f"{self.mission:g} s, as at {1e3 * high:.4g} mm, the largest clearance that is "
                 f"tried, got {probability:g}; ask for a larger probability"
@@ -190,7 +190,7 @@ class RiskCurve:
         wanted = hazard / self.mission
         low, high = self.clearances[[0, -1]]
         if wanted > self.first_rate(low):
-            raise ValueError(
+            raise OutOfReach(
                 f"first impacts {wanted:.3g} times a second belong to a clearance below "
                 f"{1e3 * low:.4g} mm, the smallest that is tried"
             )
@@ -251,7 +251,7 @@ class RiskCurve:
         chance = np.array([estimate.value for estimate in self.probabilities])
         usable = (chance > 0.0) & (chance < KNOWN)
         if usable.sum() < 2:
-            raise ValueError(
+            raise OutOfReach(
                 f"the probability of an impact in {self.mission:g} s is 0 or 1 at all clearances "
                 "that were tried; change the mission"
             )
@@ -322,6 +322,10 @@ def _falling(estimates: Sequence[Estimate]) -> list[Estimate]:
 # ------------------------------------------------------------------------------
 # Targets of a sizing, and the impact laws that they need.
 # ------------------------------------------------------------------------------
+
+
+class OutOfReach(ValueError):
+    """A target that no clearance meets of those that are tried for a scene."""
 
 
 def target_of(
