@@ -153,7 +153,11 @@ class Production(Result):
                 f"({low} to {high}, 95 %)"
             )
         made = self.made
-        places = places_in_words(made) if len(made) > 1 else str(next(iter(made.values())))
+        places = (
+            places_in_words(made, self.clearances)
+            if len(made) > 1
+            else str(next(iter(made.values())))
+        )
         return (
             f"Make {places} {sides_in_words(self.scene, made)}. An impact in {mission}: less than "
             f"{spoken_percent(self.target)} likely {over}."

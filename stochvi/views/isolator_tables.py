@@ -419,10 +419,10 @@ def _cell(row: Row, name: str) -> str | None:
     return length_of(name)(row)
 
 
-def _places(sizing: Sizing) -> list[Grid]:
-    """The clearance of each sized pair to make, and the stops as a scene file has them; these are
-    left out where a record contradicts the noise for which they hold."""
-    made, done = sizing.rounded, bool(sizing.each_made)
+def _places(found: ClearanceAnswer) -> list[Grid]:
+    """Of several pairs, the clearance of each to make, and its stops as a scene file has them; the
+    stops are left out where a record contradicts the noise for which they hold."""
+    made, done = found.rounded, bool(found.each_made)
     stops: dict[str, Callable[[Row], str | None]] = {
         f"{side}, in the scene file (m)": partial(_place, side) for side in ("lower", "upper")
     }
@@ -431,8 +431,8 @@ def _places(sizing: Sizing) -> list[Grid]:
         "clearance to make" if done else "clearance": lambda row: str(made[row["pair"]]),
         f"equilibrium ({LENGTH})": lambda row: LENGTH(round(row["mean_gap"], NANOMETRES)) + 0.0,
     }
-    rows = records(sizing.rows_of_places())
-    return Grid.by(places_heading(sizing), columns | (stops if done else {}), rows)
+    rows = records(found.rows_of_places() if found.several else [])
+    return Grid.by(places_heading(found), columns | (stops if done else {}), rows)
 
 
 def _place(side: str, row: Row) -> str | None:
@@ -440,11 +440,11 @@ def _place(side: str, row: Row) -> str | None:
     return None if math.isnan(row[side]) else f"{row[side]:.9g}"
 
 
-def places_heading(sizing: Sizing) -> str:
+def places_heading(found: ClearanceAnswer) -> str:
     """The heading of the table of places."""
-    if sizing.doubtful is not None:
+    if found.doubtful:
         return PLACES_FOR_NOISE
-    return PLACES if sizing.each_made else PLACES_TRIED
+    return PLACES if found.each_made else PLACES_TRIED
 
 
 NANOMETRES = 9
@@ -599,7 +599,7 @@ def _phases(found: MissionSizing) -> Section:
         "probability of no impact in the mission is the product of those of its phases."
         if len(found.phases) > 1
         else "The mission starts in its stationary motion.",
-        grids=[grid.known() for grid in grids],
+        grids=[*_places(found), *(grid.known() for grid in grids)],
         pictures=[
             shown(
                 lambda: plot_mission_sizing(found),
@@ -621,19 +621,22 @@ def _damage(found: DamageSizing) -> Section:
         title="Damage of equipment",
         lead="Equipment is a resonator on the mass, of each natural frequency and one Q. Its "
         "damage is that of its pseudo-velocity, by rainflow cycles and Miner's sum.",
-        grids=Grid.by(
-            "clearances that were tried",
-            {
-                f"clearance ({LENGTH})": length_of("clearance"),
-                "times the damage": lambda row: plus_minus(
-                    Estimate(value=row["damage_ratio"], standard_error=row["standard_error"])
-                ),
-                "at (Hz)": lambda row: row["frequency_hz"],
-                "by": lambda row: way_in_words(row["by"]),
-            },
-            records(found.tried),
-            ["by"],
-        ),
+        grids=[
+            *_places(found),
+            *Grid.by(
+                "clearances that were tried",
+                {
+                    f"clearance ({LENGTH})": length_of("clearance"),
+                    "times the damage": lambda row: plus_minus(
+                        Estimate(value=row["damage_ratio"], standard_error=row["standard_error"])
+                    ),
+                    "at (Hz)": lambda row: row["frequency_hz"],
+                    "by": lambda row: way_in_words(row["by"]),
+                },
+                records(found.tried),
+                ["by"],
+            ),
+        ],
         pictures=[
             shown(
                 lambda: plot_damage_sizing(found),

@@ -304,7 +304,7 @@ def test_pairs_of_a_mission_have_a_clearance_in_common(tmp_path: Path) -> None:
     )
     assert "over 2 phases" in own.summary()
     page = write_clearance_report(own, tmp_path).read_text("utf-8").replace("\u00a0", " ")
-    assert "Upper stop of box stops" in page and "isolated mass" not in page
+    assert "Where the stops go" in page and "isolated mass" not in page
     made = own.as_made().impact_pairs[0].upper
     assert made == pytest.approx(own.each_made["bumpers"].value, rel=1e-9)
     with pytest.raises(ValueError, match=r"common must name impact pairs \(bumpers, box stops\)"):
@@ -433,7 +433,7 @@ def test_several_pairs_are_sized_for_a_damage(tmp_path: Path) -> None:
     document = found.to_dict()
     assert set(document["clearances"]) == set(document["made"]) and "clearance" not in document
     page = write_clearance_report(found, tmp_path).read_text("utf-8")
-    assert "Upper stop of box stops" in page and "box stops: lower = " in page
+    assert "Where the stops go" in page and "box stops: lower = " in page
 
 
 @pytest.mark.slow

@@ -37,9 +37,10 @@ from stochvi.isolators.sizing import search
 from stochvi.isolators.sizing.answer import Clearance, ClearanceAnswer, DamageSizing, Sizing, Target
 from stochvi.isolators.sizing.review import PeakSettings, ReviewSettings, review
 from stochvi.isolators.tolerances import Tolerances
-from stochvi.results.estimates import Cost, Estimate
+from stochvi.results.estimates import Cost, Estimate, capital
 from stochvi.results.files import origin_of
 from stochvi.scenes.datasets import shipped_scene
+from stochvi.views.isolator_tables import clearance_told
 from stochvi.views.pages import Page, Picture
 from stochvi.views.report import missions, sections, sizing
 from support.pairs import pair, uncoupled
@@ -307,6 +308,47 @@ def test_the_page_of_a_damage_shows_the_number_to_sign(
     (stops,) = drawn
     gap = (stops[0].upper or 0.0) - found.rests["stops"]
     assert gap == pytest.approx(5e-3 - found.rests["stops"] if kind else 11.3e-3, rel=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["phases", "damage"])
+def test_a_page_of_many_pairs_lists_where_each_stop_goes(
+    phases: MissionSizing, drawn: Drawn, kind: str
+) -> None:
+    """Two pairs round to the same clearance; sentence and cards name that with the larger one."""
+    stops = [pair(name, name[0], 4.0) for name in ("x near", "x far", "x too", "z")]
+    values = (3e-3, 16.06e-3, 16.02e-3, 9e-3)
+    found: ClearanceAnswer = replace(
+        phases,
+        scene=uncoupled(*stops).replace(phases=phases.scene.phases),
+        clearances={
+            each.name: Clearance(value=value, lower=value, upper=value)
+            for each, value in zip(stops, values, strict=True)
+        },
+    )
+    if kind == "damage":
+        row = {"clearance": 16e-3, "damage_ratio": 2.0, "standard_error": 0.1, "by": "clusters"}
+        found = DamageSizing(
+            scene=found.scene.replace(phases=[]), ratio=2.0, mission=3600.0, sigma=1.0,
+            clearances=found.clearances,
+            tried=pd.DataFrame([row | {"frequency_hz": 100.0}]), cost=Cost(wall_time=1.0),
+            damage=SimpleNamespace(  # type: ignore[arg-type]
+                equipment_frequency_hz=np.array([100.0]), quality=10.0, exponent=6.0
+            ),
+            provenance=phases.provenance,
+        )  # fmt: skip
+    assert "from 3.0 mm at x near to 16.1 mm at x far, each of 4 pairs" in found.verdict()
+    assert "at 16.06 mm for x far" in found.verdict()
+    page = missions.clearance_page(found, origin_of(found.provenance))
+    cards = Cards(page.html())
+    assert [*cards.lengths()] == [f"Clearance of {name} to make" for name in ("x near", "x far")]
+    (told,) = [each for each in clearance_told(found).sections if each.grids]
+    places = told.grids[0]
+    assert [(row[0], row[1], row[-1]) for row in places.rows] == [
+        ("x near", "3.0 mm", "0.003"), ("x far", "16.1 mm", "0.0161"),
+        ("x too", "16.1 mm", "0.0161"), ("z", "9.0 mm", "0.009"),
+    ]  # fmt: skip
+    assert capital(places.caption) in page.html()
+    assert [each.upper for each in drawn[0]] == [0.003, 0.0161, 0.0161, 0.009]
 
 
 def no_hits(*_: object, **__: object) -> None:

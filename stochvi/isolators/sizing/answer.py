@@ -455,8 +455,8 @@ class ClearanceAnswer(Result):
 
     def extremes(self) -> tuple[str, str]:
         """Names of the pairs with the smallest and with the largest clearance."""
-        values = {name: each.value for name, each in self.clearances.items()}
-        return min(values, key=lambda name: values[name]), max(values, key=lambda n: values[n])
+        names = _by_size(self.rounded, self.clearances)
+        return names[0], names[-1]
 
     @property
     def to_make(self) -> str:
@@ -467,7 +467,7 @@ class ClearanceAnswer(Result):
     def _kept(self, kept: str, accepted: str, as_stated: str = "") -> str:
         """The clearances to make, what they keep, and the calculated one, where the risk is just
         what is accepted; with its interval where that changes a printed digit."""
-        c = self.clearance
+        c = self.clearances[self.extremes()[1]]
         low, place, high = (_in_three(each) for each in (c.lower, c.value, c.upper))
         place = LENGTH.text(c.value) if place == str(self.widest) else place
         just = f"{accepted} at {place}{self.of_widest}{as_stated}"
@@ -477,7 +477,7 @@ class ClearanceAnswer(Result):
 
     def _places(self) -> str:
         """The clearances of several pairs to make, in words."""
-        return places_in_words(self.rounded)
+        return places_in_words(self.rounded, self.clearances)
 
     def _beside(self) -> str:
         """What stays as it is, in words."""
@@ -567,6 +567,27 @@ class ClearanceAnswer(Result):
         found = [(name, lines(name, made)) for name, made in self.each_made.items()]
         return "; ".join(f"{name}: {text}" if self.several else text for name, text in found)
 
+    def placed(self) -> DataFrame:
+        """Where the stops of the sized pairs go, for Gaussian noise: one row per pair.
+
+        `pair`, its `mean_gap` in the static equilibrium, the `clearance` from there, and
+        `lower` and `upper` as a scene file has them, from the unloaded mounts; all in m, NaN where
+        the scene has no stop.
+        """
+        return frame_of(self.rows_of_places(), ["pair", "mean_gap", "clearance", *SIDES])
+
+    def rows_of_places(self) -> list[dict[str, Any]]:
+        """The rows of that table."""
+        rows, rests = [], self.rests
+        for pair in self.scene.expanded.impact_pairs:
+            if (made := self.rounded.get(pair.name)) is not None:
+                stated = {side for side, _ in pair.stops()}
+                mean = rests[pair.name]
+                places = {s: made.position(mean, s) if s in stated else math.nan for s in SIDES}
+                here = {"pair": pair.name, "mean_gap": mean, "clearance": made.value}
+                rows.append(here | places)
+        return rows
+
     def verdict(self) -> str:
         """The clearance to make and what it keeps, in words; where a record does not agree with the
         noise of the sizing, that is said instead."""
@@ -584,7 +605,7 @@ class ClearanceAnswer(Result):
 
     def calculated(self) -> str:
         """The clearance before rounding."""
-        return f"calculated: {self.clearance}{self.of_widest}"
+        return f"calculated: {self.clearances[self.extremes()[1]]}{self.of_widest}"
 
     def decides(self) -> str:
         """What decides the clearance, in words; empty where that is not a part of the mission."""
@@ -907,27 +928,6 @@ class Sizing(ClearanceAnswer):
         scene."""
         return gap_of(self)
 
-    def placed(self) -> DataFrame:
-        """Where the stops of the sized pairs go, for Gaussian noise: one row per pair.
-
-        `pair`, its `mean_gap` in the static equilibrium, the `clearance` from there, and
-        `lower` and `upper` as a scene file has them, from the unloaded mounts; all in m, NaN where
-        the scene has no stop.
-        """
-        return frame_of(self.rows_of_places(), ["pair", "mean_gap", "clearance", *SIDES])
-
-    def rows_of_places(self) -> list[dict[str, Any]]:
-        """The rows of that table."""
-        rows, rests = [], self.rests
-        for pair in self.scene.impact_pairs:
-            if (made := self.rounded.get(pair.name)) is not None:
-                stated = {side for side, _ in pair.stops()}
-                mean = rests[pair.name]
-                places = {s: made.position(mean, s) if s in stated else math.nan for s in SIDES}
-                here = {"pair": pair.name, "mean_gap": mean, "clearance": made.value}
-                rows.append(here | places)
-        return rows
-
     def for_noise(self) -> str:
         """The clearances to make and the risk that they keep, in words."""
         if self.production is not None:
@@ -959,7 +959,7 @@ class Sizing(ClearanceAnswer):
         )
         if in_common and len(made) > 1:
             return f"{next(iter(made.values()))} at all {len(made)} pairs in common"
-        return places_in_words(made)
+        return places_in_words(made, self.clearances)
 
     def _beside(self) -> str:
         """What stays as it is, in words."""
@@ -968,7 +968,7 @@ class Sizing(ClearanceAnswer):
     def calculated(self) -> str:
         """Evidence for the clearances to make: those calculated for the scene as stated, and the
         impacts to expect there."""
-        low, high = (self.clearances[name] for name in self.extremes())
+        low, high = min(self.clearances.values(), key=lambda each: each.value), self.clearance
         text = f"calculated{' as stated' * self.varies}: {LENGTH.text(low.value)}"
         if self.several:
             text += f" to {LENGTH.text(high.value)}" if high.value > low.value else ""
@@ -1050,11 +1050,23 @@ def widest_of(made: Mapping[str, RoundedClearance]) -> RoundedClearance | None:
     return max(made.values(), key=lambda each: each.value, default=None)
 
 
-def places_in_words(made: Mapping[str, RoundedClearance]) -> str:
+def _by_size(
+    made: Mapping[str, RoundedClearance], calculated: Mapping[str, Clearance]
+) -> list[str]:
+    """Names of pairs by the clearance to make; those that round to the same by that calculated."""
+    return sorted(
+        calculated,
+        key=lambda name: (made[name].value if name in made else 0.0, calculated[name].value),
+    )
+
+
+def places_in_words(
+    made: Mapping[str, RoundedClearance], calculated: Mapping[str, Clearance]
+) -> str:
     """The clearances of several pairs; of many pairs the smallest and the largest."""
     if len(made) <= MOST_NAMED:
         return ", ".join(f"{place} at {name}" for name, place in made.items())
-    low, *_, high = sorted(made, key=lambda name: made[name].value)
+    low, *_, high = (name for name in _by_size(made, calculated) if name in made)
     first = f"from {made[low]} at {low} to {made[high]} at {high}"
     return f"{first}, each of {len(made)} pairs its own (see the table)"
 

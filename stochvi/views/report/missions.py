@@ -44,6 +44,7 @@ from stochvi.views.pages import (
 from stochvi.views.report.sections import (
     clearance_cards,
     excitation_facts,
+    pairs_gap_section,
     record_cards,
 )
 from stochvi.views.schematic import draw_problem, draw_shapes, has_shape
@@ -194,6 +195,8 @@ STYLES = ("-", "--", ":")
 def _stops(found: ClearanceAnswer) -> Section:
     """Where the stops stand, with the drawing of the scene: at the clearance to make, or as the
     scene has them where there is none."""
+    if found.several:
+        return pairs_gap_section(found)
     made = found.as_made()
     where = "at the clearance to make" if found.each_made else "as the scene file states them"
     return Section(
@@ -203,7 +206,7 @@ def _stops(found: ClearanceAnswer) -> Section:
         "unloaded spring.",
         facts=[
             Fact(
-                f"{side.capitalize()} stop{f' of {pair.name}' if found.several else ''}",
+                f"{side.capitalize()} stop",
                 spoken_length(getattr(pair, side)),
                 f"{'' if found.each_made else 'of the scene; '}from the unloaded spring; "
                 f"{law.phrase()}",

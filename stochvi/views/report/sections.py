@@ -128,12 +128,15 @@ def _places(found: ClearanceAnswer) -> list[Fact]:
     made = found.rounded
     tried = "" if found.shown_to_keep else " were tried, and not shown to keep the target"
     if not made or tried:
-        text = f"{places_in_words(made)}{tried}" if made else "none was found within the tolerances"
+        text = (
+            f"{places_in_words(made, found.clearances)}{tried}"
+            if made
+            else "none was found within the tolerances"
+        )
         return [Fact(f"Clearances {_purpose(found)}", UNKNOWN, f"{text}; raise the budget")]
     named = list(found.clearances)
     if len(named) > MOST_NAMED:
-        by_size = sorted(made, key=lambda name: made[name].value)
-        named = [by_size[0], by_size[-1]]
+        named = [*found.extremes()]
     cards = []
     for name in named:
         each = found.clearances[name]
@@ -357,16 +360,16 @@ def pairs_cards(sizing: Sizing) -> list[Fact]:
     ]
 
 
-def pairs_gap_section(sizing: Sizing) -> Section:
+def pairs_gap_section(found: ClearanceAnswer) -> Section:
     """The section on the stops of several pairs."""
     where = "as the scene file states them"
-    if sizing.each_made:
+    if found.each_made:
         where = "at the clearances to make, as a scene file has them"
     return Section(
         title="Gaps and stops",
         pictures=[
             shown(
-                lambda: draw_gaps(sizing.as_made().impact_pairs, sizing.rests),
+                lambda: draw_gaps(found.as_made().impact_pairs, found.rests),
                 f"Stops {where}, from the unloaded mounts.",
                 front=True,
             )
