@@ -24,6 +24,7 @@ from stochvi.results.base import Result, frame_of
 from stochvi.results.estimates import version_of
 from stochvi.results.files import kind_of, name_of, now, write_whole
 from stochvi.scenes.scene import Scene, scene_from
+from stochvi.scenes.text_tables import read_text
 
 PACKAGE = "stochvi"
 
@@ -31,6 +32,12 @@ KIND, ARRAY, TABLE, TUPLE, MAPPING, NUMBER, COMPLEX, SCENE, MODEL = (
     "$kind", "$array", "$table", "$tuple", "$mapping", "$number", "$complex", "$scene", "$model",
 )  # fmt: skip
 """Keys that mark what JSON has no type for."""
+
+LARGEST = 2**32
+"""Size in bytes above which a file is no saved answer."""
+
+FROM_DOCUMENT = "stochvi.Response.from_dict(json.load(open(FILE))) makes the response from it"
+"""What reads the document of a response."""
 
 
 @checked
@@ -96,8 +103,8 @@ def load_answer(path: str | Path) -> Result:
     Raises
     ------
     ValueError
-        If the file holds no answer, or one of another version of this package whose parts have
-        changed.
+        If the file is missing, holds no answer, or one of another version of this package whose
+        parts have changed.
 
     See Also
     --------
@@ -105,12 +112,12 @@ def load_answer(path: str | Path) -> Result:
 
     Examples
     --------
-    >>> load_answer("no-such-file.json")
+    >>> load_answer("no-such-file.json")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
-    FileNotFoundError: [Errno 2] No such file or directory: 'no-such-file.json'
+    stochvi.results.errors.SceneError: no-such-file.json cannot be read: no such file or ...
     """
-    text = Path(path).read_text(encoding="utf-8")
-    version = "an unknown version"
+    text = read_text(Path(path), LARGEST)
+    version, content = "an unknown version", None
     try:
         content = json.loads(text)
         version = content["stochvi"]
@@ -120,6 +127,11 @@ def load_answer(path: str | Path) -> Result:
             f"{path} must be a file that save_answer wrote; its brackets are nested too deeply"
         ) from None
     except (AttributeError, ImportError, LookupError, TypeError, ValueError) as error:
+        if isinstance(content, dict) and "provenance" in content:
+            raise ValueError(
+                f"{path} is the JSON document of an answer, as --json writes it; "
+                + (FROM_DOCUMENT if "identities" in content else "load a file of save_answer")
+            ) from None
         raise ValueError(
             f"{path} must be a file that save_answer wrote; it cannot be read as one ({error}), "
             f"and names {version} where this is {version_of(PACKAGE)}"

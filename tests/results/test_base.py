@@ -599,6 +599,15 @@ def test_a_file_that_holds_no_answer_is_refused(tmp_path: Path) -> None:
         file.write_text(text, encoding="utf-8")
         with pytest.raises(ValueError, match=words):
             stochvi.load_answer(file)
+    known = stochvi.exact(stochvi.load_scene(shipped_scene("oscillator-elastic")))
+    file.write_text(json.dumps(known.to_dict()))
+    with pytest.raises(ValueError, match=r"stochvi\.Response\.from_dict.* makes the response"):
+        stochvi.load_answer(file)
+    file.write_text('{"method": "screen", "provenance": {}}')
+    with pytest.raises(ValueError, match="load a file of save_answer"):
+        stochvi.load_answer(file)
+    with pytest.raises(ValueError, match=f"did you mean {re.escape(str(file))}"):
+        stochvi.load_answer(f"{file}.json")
     with pytest.raises(ValueError, match="what a calculation returned"):
         stochvi.save_answer({"rate": 1.0}, file)  # type: ignore[arg-type]
 
