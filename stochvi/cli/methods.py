@@ -273,7 +273,7 @@ def damage(question: Question) -> None:
     --at NAME  Coordinate or named point on which it stands; default: the first coordinate.
     --way simulation|clusters|record  Simulate everything, or clusters of impacts alone; by default
         where they are rare. record: follow a measured record itself, with its potholes.
-    --levels A,A,...  Count contacts above these accelerations, m/s^2 or as 10g,20g.
+    --levels LIST  Count contacts above these accelerations, m/s^2 or as 10g,20g.
     --rel-error (float) = 0.2  Median relative standard error of the damage.
     --test-duration TIME (time)  Duration of a random test that does the same damage; --out gets its
         profile.csv.

@@ -185,8 +185,25 @@ UNDER_SINE = ("basins", "bifurcation", "lifetimes", "perturbations", "jolts", "s
 """Commands that may follow `sine`; a scene of such a name is ./basins."""
 
 
+class Command(click.Command):
+    """A command that refuses an option with one value that is given twice; click keeps the last."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        *_, given = self.make_parser(ctx).parse_args(args=[*args])
+        for each in given:
+            once = isinstance(each, click.Option) and not (each.multiple or each.is_flag)
+            if once and (times := given.count(each)) > 1:
+                own = each.opts[0]
+                listed = f"join its values by commas, as {own} A,B"
+                remedy = listed if each.metavar == "LIST" else "keep one"
+                raise ValueError(f"{own} must be given once, got it {times} times; {remedy}")
+        return super().parse_args(ctx, args)
+
+
 class Commands(click.Group):
     """A group that turns every expected error into one sentence on stderr and its exit code."""
+
+    command_class = Command
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)

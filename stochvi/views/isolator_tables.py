@@ -420,7 +420,7 @@ def _cell(row: Row, name: str) -> str | None:
 
 
 def _places(found: ClearanceAnswer) -> list[Grid]:
-    """Of several pairs, the clearance of each to make, and its stops as a scene file has them; the
+    """The clearance of each of several pairs to make, and its stops as a scene file has them; the
     stops are left out where a record contradicts the noise for which they hold."""
     made, done = found.rounded, bool(found.each_made)
     stops: dict[str, Callable[[Row], str | None]] = {

@@ -378,6 +378,31 @@ def test_an_option_of_check_out_of_range_is_one_sentence(stochvi: Run, arguments
     assert f", got {float(value):g}" in sentence or f", got {float(value)}" in sentence
 
 
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (
+            ["size", "--common", "one", "--common", "two", "--common=three"],
+            "--common must be given once, got it 3 times; "
+            "join its values by commas, as --common A,B",
+        ),
+        (
+            ["simulate", "--seed", "1", "--quiet", "--seed=1", "--quiet"],
+            "--seed must be given once, got it 2 times; keep one",
+        ),
+    ],
+)
+def test_an_option_that_is_given_twice_is_refused(
+    stochvi: Run, arguments: list[str], sentence: str
+):
+    """Flags and options of many values may be: a start of each coordinate of `bifurcation`."""
+    command, *options = arguments
+    assert refused(stochvi(command, ELASTIC, *options)) == sentence
+    starts = ("--start", "x=1", "--start", "velocity.x=1")
+    left = refused(stochvi("bifurcation", ELASTIC, *starts, "--quiet", "--quiet"))
+    assert left.startswith("--from and --to, or --vary, must say what is varied")
+
+
 def test_the_closure_has_no_variant_of_the_book(stochvi: Run):
     sentence = refused(stochvi("linearise", LOSSY, "--form", "closure", "--variant", "book"))
     assert sentence.startswith("variant must be 'consistent' or 'box' for form 'closure'")
