@@ -265,19 +265,24 @@ def _stops(provenance: Mapping[str, Any], coordinate: str, coordinates: int) -> 
 
 
 def plot_check(found: Check, ax: Axes | None = None) -> Axes:
-    """Difference over its standard error of every comparison, and where an alarm is raised."""
-    rows = {f"{row.quantity} of {row.of}, {row.method}": row.score for row in found.comparisons}
-    return _plot_scores(rows, found.z, ax)
+    """Difference of every comparison that is judged, over that at which an alarm is raised."""
+    rows = {
+        f"{row.quantity} of {row.of}, {row.method}": row.difference / row.tolerance
+        for row in found.comparisons
+        if row.tolerance
+    }
+    return _plot_scores(rows, 1.0, "largest that agrees", ax)
 
 
 def plot_judgement(found: Judgement, ax: Axes | None = None) -> Axes:
     """Difference over its standard error of every finding, and where an alarm is raised."""
-    rows = {f"{row.quantity}, {row.scene}": row.score for row in found.findings}
-    return _plot_scores(rows, found.z, ax)
+    rows = {
+        f"{row.quantity}, {row.scene}": row.score for row in found.findings if row.score is not None
+    }
+    return _plot_scores(rows, found.z, f"standard error (alarm at {found.z:.2f})", ax)
 
 
-def _plot_scores(scores: Mapping[str, float | None], z: float, ax: Axes | None) -> Axes:
-    known = {name: score for name, score in scores.items() if score is not None}
+def _plot_scores(known: Mapping[str, float], z: float, over: str, ax: Axes | None) -> Axes:
     shown = sorted(known, key=lambda name: -abs(known[name]))[:MOST_ROWS]
     ax = _list(ax, len(shown))
     reach = MOST_SCORE * z
@@ -296,7 +301,7 @@ def _plot_scores(scores: Mapping[str, float | None], z: float, ax: Axes | None) 
     ax.axvline(0.0, color=COLOURS["stop"], linewidth=0.8)
     ax.set_xlim(-reach, reach)
     _label_rows(ax, shown)
-    ax.set_xlabel(f"difference / standard error (alarm at {z:.2f})")
+    ax.set_xlabel(f"difference / {over}")
     return ax
 
 

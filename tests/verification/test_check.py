@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from rich.console import Console
@@ -139,6 +140,18 @@ def test_a_lossy_scene_has_two_judges_and_a_tampered_one_is_caught() -> None:
         wrong = compare([tampered(solved, quantity, 1.02), simulated])
         found = {row.quantity for row in wrong.comparisons if row.verdict == DISAGREES}
         assert found == {quantity}
+
+
+def test_the_picture_shows_how_much_of_what_is_granted_a_difference_takes() -> None:
+    """Where biases are stated, scores are 0, and say nothing."""
+    solved = fokker_planck(oscillator(-1.0, 1.0, 0.8))
+    verdict = compare([solved, tampered(solved, "velocity_std", 1.0 + 1e-7)])
+    judged = [row for row in verdict.comparisons if row.tolerance]
+    assert all(not row.score for row in judged)
+    (ax,) = verdict.plot().figure.axes
+    drawn = {line.get_xdata()[0] for line in ax.lines if line.get_marker() == "o"}
+    assert drawn == {row.difference / row.tolerance for row in judged} and len(drawn) > 1
+    plt.close(ax.figure)
 
 
 def test_an_estimate_of_unknown_bias_is_not_judged() -> None:
