@@ -22,7 +22,7 @@ from stochvi.mathematics.spectra import (
     moment_growth,
     response_moments,
 )
-from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.mathematics.units import LENGTH, STANDARD_GRAVITY
 from stochvi.mathematics.unsteady_noise import FastPeaks, MovingMean, Sines
 from stochvi.model.modal import LinearLaw, ModalForm, linear_law
 from stochvi.model.model import FunctionOfMotion, Model
@@ -563,16 +563,20 @@ def _broad(model: Model, motion: list[_GapMotion]) -> list[str]:
 
 def _far_stops(model: Model, motion: list[_GapMotion]) -> list[str]:
     """A warning of stops that no motion reaches."""
-    found = []
-    for name, deviation, _, stops in motion:
-        nearest = min(stops, default=0.0)
-        if deviation and nearest > FAR_STOPS * deviation:
-            of = f", {name}" if name else ""
-            found.append(
-                f"the nearest stop lies {nearest / deviation:.3g} standard deviations away "
-                f"({deviation:.3g} m without stops{of}); positions are in metres"
-            )
-    return found
+    far = [
+        (min(stops) / deviation, name, deviation)
+        for name, deviation, _, stops in motion
+        if stops and deviation and min(stops) > FAR_STOPS * deviation
+    ]
+    if not far:
+        return []
+    multiple, name, deviation = min(far)
+    which = f"stop of {name}" if name else "nearest stop"
+    others = f", those of {len(far) - 1} others farther" if far[1:] else ""
+    return [
+        f"the {which} is {multiple:.3g} rms motions ({LENGTH.text(deviation, '.3g')} each) away"
+        f"{others}: did you write mm for m?"
+    ]
 
 
 def _modes_below_tables(model: Model) -> list[str]:

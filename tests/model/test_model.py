@@ -378,7 +378,7 @@ def test_stops_twenty_deviations_from_rest_are_noted(load: float) -> None:
     far = 20.0 + load
     assert notes(at(0.999 * far)) == set()
     (note,) = notes(at(1.001 * far))
-    assert f"{sigma:.3g}" in note
+    assert f"({1e3 * sigma:.3g} mm each)" in note
     (thousandfold,) = notes(mount(gap=6.0))
     assert f"{6.0 / sigma:.3g}" in thousandfold
 
@@ -462,9 +462,16 @@ def test_a_box_is_noted_as_one_mass_is() -> None:
 
     assert noted(box.at_level(30.0), "g rms, more than any usual test")
     far = [pair.replace(clearance=None, lower=-6.0, upper=6.0) for pair in box.impact_pairs]
-    assert noted(
-        box.replace(impact_pairs=far), "m without stops, corner 1); positions are in metres"
-    )
+    (note,) = scene_notes(model_of(box.replace(impact_pairs=far)))
+    gaps = screen(box).impact_pairs
+    nearest = max(gaps, key=lambda name: gaps[name].displacement_std)
+    rms = gaps[nearest].displacement_std
+    assert note.startswith(f"the stop of {nearest} is ")
+    assert f" rms motions ({1e3 * rms:.3g} mm each) away, those of 2 others farther: did" in note
+    assert note.endswith("did you write mm for m?")
+    two = [far[0], *box.impact_pairs[1:]]
+    (note,) = scene_notes(model_of(box.replace(impact_pairs=two)))
+    assert note.startswith("the stop of corner 1 is ") and "others" not in note
     mounts = [each.replace(loss_factor=6.0) for each in box.structure.mounts]
     assert noted(
         box.replace(structure=box.structure.replace(mounts=mounts)),
@@ -481,7 +488,7 @@ def test_the_length_of_a_record_and_a_missing_vehicle_are_noted_for_a_box(tmp_pa
     np.save(file, np.random.default_rng(1).normal(size=8000))
     record = RecordedNoise(file=str(file), unit="g", fs=200.0, axis="z")
     found = scene_notes(model_of(box.replace(excitations=[record])))
-    assert [note for note in found if note.startswith("the length of the record")]
+    assert [note for note in found if note.startswith("the record's length")]
     road = RoadNoise(road="B", speed=10.0, axis="z")
 
     def without_vehicle(scene: Scene) -> bool:
