@@ -674,6 +674,9 @@ MOST_SPEEDS, MOST_MOTIONS = 6, 3
 DECADES = 1e6
 """Largest over smallest density that a waterfall tells apart."""
 
+LEAST_DENSITY = 1e-200
+"""Density that stands for 0 on a logarithmic scale."""
+
 
 def replay_told(found: Replay, record: RecordVerdict | None) -> Told:
     """The clearance that the record itself needs, where it is known, and the motion and impacts."""
@@ -710,6 +713,8 @@ def _replay_grid(found: Replay) -> Grid:
     rows = []
     for group in ("coordinates", "impact_pairs"):
         for owner, quantities in getattr(found.clearances[0], group).items():
+            if single is not None and owner in single.still:
+                continue  # as its sentence says
             for name, known in quantities_of(quantities.__class__).items():
                 values = [getattr(each, group)[owner][name] for each in found.clearances]
                 if all(value is None for value in values):
@@ -738,7 +743,7 @@ def _plot_shock(each: ReplayAt, ax: Axes, *, whole: bool = False, legend: bool =
     """x(t) with stops and impacts: around the shock, that is the fastest impact, or `whole`."""
     kept = each.histories
     assert kept is not None
-    first = next(iter(kept.displacement.values()))
+    first = kept.displacement[_first_moving(each)]
     part = slice(0, len(first)) if whole else around_shock(kept.time, first, _shock(each))
     moving = [x for owner, x in kept.displacement.items() if owner not in ROTATIONS]
     size = max((float(np.max(np.abs(x[part]))) for x in moving), default=0.0)
@@ -780,17 +785,17 @@ def _plot_shock(each: ReplayAt, ax: Axes, *, whole: bool = False, legend: bool =
 
 
 def plot_waterfall(each: ReplayAt, ax: Axes | None = None) -> Axes:
-    """Short-time spectra of the absolute acceleration of the first coordinate, over the whole
-    record, with the impacts as marks above them."""
+    """Short-time spectra of the absolute acceleration of the first coordinate that moves, over the
+    whole record, with the impacts as marks above them."""
     from matplotlib.colors import LogNorm
 
     kept = each.histories
     assert kept is not None
     ax = axes_or_new(ax, (9.6, 4.2))
-    spectra = kept.short_time_spectra()
-    owner = next(iter(kept.acceleration))
+    owner = _first_moving(each)
+    spectra = kept.short_time_spectra(owner)
     unit = shown_as("(rad/s^2)^2/Hz") if owner in ROTATIONS else DENSITY
-    density = unit(np.maximum(spectra.density, np.finfo(float).tiny))
+    density = unit(np.maximum(spectra.density, LEAST_DENSITY))
     norm = LogNorm(density.max() / DECADES, density.max(), clip=True)
     mesh = ax.pcolormesh(
         TIME(spectra.time), spectra.frequency_hz, density, norm=norm, cmap="viridis",
@@ -806,6 +811,11 @@ def plot_waterfall(each: ReplayAt, ax: Axes | None = None) -> Axes:
     ax.set(yscale="log", ylim=spectra.frequency_hz[[0, -1]], xlabel=f"time ({TIME})",
            ylabel="frequency (Hz)")  # fmt: skip
     return ax
+
+
+def _first_moving(each: ReplayAt) -> str:
+    """The first coordinate that moves; the first one where none does."""
+    return min(each.coordinates, key=each.still.__contains__)
 
 
 def _shock(each: ReplayAt) -> float | None:

@@ -60,6 +60,9 @@ from stochvi.scenes.structures.rigid_body import AXES
 # ------------------------------------------------------------------------------
 
 
+STILL = 1e-9
+"""Motion over the largest one of all coordinates, m or rad, below which it is rounding."""
+
 SEGMENTS, FEWEST_SAMPLES = 100.0, 64
 """Number of segments in a record for its short-time spectra, and smallest number of samples in one:
 32 frequencies tell an impact from the ringing of the mount."""
@@ -96,7 +99,7 @@ class CoordinateReplay(_OfReplay):
         Mean and standard deviation of the samples, m.
     displacement_kurtosis
         Fourth moment of the samples about their mean over the square of the second; 3 for a
-        Gaussian process. None where nothing moves.
+        Gaussian process. None of a coordinate that does not move.
     acceleration_max
         Largest size of the absolute acceleration, m/s^2; with rigid stops, between the impacts.
     """
@@ -267,6 +270,21 @@ class ReplayAt:
     impacts: DataFrame = kept_table()
     histories: Histories | None
 
+    @property
+    def still(self) -> Sequence[str]:
+        """The coordinates that do not move, but for rounding."""
+        sizes = {
+            name: max(abs(each.displacement_min.value), abs(each.displacement_max.value))
+            for name, each in self.coordinates.items()
+        }
+        least = STILL * max(sizes.values(), default=0.0)
+        return [name for name, size in sizes.items() if size <= least]
+
+    @property
+    def unhit(self) -> Sequence[str]:
+        """The impact pairs without an impact."""
+        return [name for name, each in self.impact_pairs.items() if not each.hits.value]
+
     def with_bias(self, coarse: ReplayAt, step: float) -> ReplayAt:
         """The same answer by a step, s, with the differences from that at twice the step as
         bias."""
@@ -369,9 +387,19 @@ class Replay(Result):
             return (
                 f"replay of {self.duration:.4g} s of record: impacts {', '.join(hits)} on each side"
             )
-        moved = [f"{name} from {each.reach(name)}" for name, each in self.coordinates.items()]
-        hit = [_impacts_in_words(name, each) for name, each in self.impact_pairs.items()]
-        return f"replay of {self.duration:.4g} s of record: {'; '.join([*moved, *hit])}"
+        still, unhit, pairs = self.only.still, self.only.unhit, self.impact_pairs
+        said = [
+            f"{name} from {each.reach(name)}"
+            for name, each in self.coordinates.items()
+            if name not in still
+        ]
+        if still:
+            said.append(f"{', '.join(still)} {'do' if len(still) > 1 else 'does'} not move")
+        said += [_impacts_in_words(name, pairs[name]) for name in pairs if name not in unhit]
+        if unhit:
+            number = f"{len(unhit)} {'other ' * (len(unhit) < len(pairs))}pairs"
+            said.append(f"no impact on {unhit[0] if len(unhit) == 1 else number}")
+        return f"replay of {self.duration:.4g} s of record: {'; '.join(said)}"
 
     def to_frame(self) -> DataFrame:
         """One row per clearance, a column per quantity (SI units)."""
@@ -381,7 +409,7 @@ class Replay(Result):
 def _impacts_in_words(name: str, pair: PairReplay) -> str:
     """The number of impacts on a pair, and the fastest of them."""
     hits = round(float(pair.hits))
-    number = "no impact" if not hits else "1 impact" if hits == 1 else f"{hits} impacts"
+    number = "1 impact" if hits == 1 else f"{hits} impacts"
     fastest = pair.impact_speed_max
     speed = "" if fastest is None else f", {'up to ' * (hits > 1)}{SPEED.text(float(fastest))}"
     return f"{number} on {name}{speed}"
@@ -721,7 +749,7 @@ def _answer_at(
             for (_, stop), force in zip(hit, impacts[:, 3], strict=True)
         ],
     }
-    return ReplayAt(
+    found = ReplayAt(
         clearance=clearance,
         stops={f"{pair.name} {stop.name}": stop.position for pair, stop in owners},
         coordinates={
@@ -733,6 +761,10 @@ def _answer_at(
         if len(motions[0].displacement)
         else None,
     )
+    still = {
+        name: replace(found.coordinates[name], displacement_kurtosis=None) for name in found.still
+    }
+    return replace(found, coordinates={**found.coordinates, **still})
 
 
 def _estimate(value: float) -> Estimate:

@@ -366,11 +366,16 @@ def _replay_cards(found: Replay) -> list[Fact]:
             "from the unloaded spring",
         )
         for name, each in found.coordinates.items()
+        if name not in found.only.still
     ]
+    within, unhit = f"in {found.duration:.4g} s", found.only.unhit
     cards += [
-        Fact(f"Impacts on {name}", f"{float(each.hits):.0f}", f"in {found.duration:.4g} s")
+        Fact(f"Impacts on {name}", f"{float(each.hits):.0f}", within)
         for name, each in found.impact_pairs.items()
+        if len(unhit) < 2 or name not in unhit
     ]
+    if len(unhit) > 1:
+        cards.append(Fact(f"Impacts on {len(unhit)} pairs", "0", f"{within}: {', '.join(unhit)}"))
     return cards
 
 

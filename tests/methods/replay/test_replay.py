@@ -6,7 +6,9 @@ import importlib
 import itertools
 import json
 import math
+import re
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -500,6 +502,77 @@ def test_the_command(tmp_path: Path, stochvi: Run) -> None:
     assert "--clearances must be" in refused(
         stochvi("replay", str(file), "--clearances", "4furlongs")
     )
+
+
+BOX = """
+[structure]
+kind = "rigid-body"
+mass = 12.0
+inertia = [0.2, 0.25, 0.15]
+{mounts}
+[[impact_pair]]
+name = "near"
+at = [0.2, 0.2, 0.0]
+direction = [0, 0, 1]
+clearance = {near}
+law = {{ kind = "restitution", coefficient = 0.4 }}
+{far}
+[[excitation]]
+kind = "record"
+axis = "z"
+file = "record.txt"
+unit = "m/s2"
+fs = 500.0
+"""
+
+
+@pytest.mark.parametrize("hit", [False, True])
+def test_what_rounding_alone_moves_is_said_not_to_move(
+    tmp_path: Path, stochvi: Run, hit: bool
+) -> None:
+    """A symmetric box on a table that shakes it upwards, and pairs that are far away."""
+    mount = "[[structure.mount]]\nat = [{}, {}, 0.0]\nstiffness = [2e4, 2e4, 3e4]\nzeta = 0.1\n"
+    far = '[[impact_pair]]\nname = "far {}"\nat = [0.2, 0.2, 0.0]\ndirection = [1, 0, 0]\n'
+    far += 'clearance = 0.5\nlaw = {{ kind = "restitution", coefficient = 0.4 }}\n'
+    mounts = "".join(mount.format(x, y) for x in (-0.2, 0.2) for y in (-0.2, 0.2))
+    pairs = "".join(far.format(number) for number in (1, 2))
+    scene = tmp_path / "box.toml"
+    scene.write_text(BOX.format(mounts=mounts, near=1e-3 if hit else 0.5, far=pairs))
+    np.savetxt(tmp_path / "record.txt", shaken(), fmt="%.17g")
+    done = stochvi("replay", scene, "--json", "-", "--out", tmp_path / "out")
+    found = one_document(done.out)
+    said = " ".join(stochvi("replay", scene, "-v").out.split())
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    sizes = {name: each["displacement_max"]["value"] for name, each in found["coordinates"].items()}
+    assert sizes["z"] > 1e-4
+    if hit:
+        assert re.search(r"\d+ impacts on near, .*; no impact on 2 other pairs", said)
+        assert "Impacts on near" in page and "Impacts on 2 pairs" in page
+        return
+    assert "x, y, rx, ry, rz do not move; no impact on 3 pairs" in said
+    assert "Impacts on 3 pairs" in page and "Motion of z" in page and "Motion of rx" not in page
+    assert "x: largest displacement" not in said and "z: largest displacement" in said
+    kurtosis = {name: each["displacement_kurtosis"] for name, each in found["coordinates"].items()}
+    assert {name for name, each in kurtosis.items() if each is not None} == {"z"}
+
+
+def test_a_small_motion_is_no_rounding(tmp_path: Path) -> None:
+    """One that is a millionth of the largest is said."""
+    found = replay(scene_of(tmp_path, shaken()))
+    (each,) = found.clearances
+    small = replace(
+        each.coordinates["x"],
+        **{
+            name: each.coordinates["x"][name] * 1e-6
+            for name in ("displacement_max", "displacement_min")
+        },
+    )
+    both = replace(each, coordinates={**each.coordinates, "y": small})
+    assert "y from" in replace(found, clearances=(both,)).summary()
+    noise = replace(small, displacement_max=small.displacement_max * 1e-6)
+    noise = replace(noise, displacement_min=small.displacement_min * 1e-6)
+    still = replace(each, coordinates={**each.coordinates, "y": noise})
+    assert "y does not move" in replace(found, clearances=(still,)).summary()
 
 
 def test_a_waterfall_tells_impacts_by_their_high_frequencies(tmp_path: Path) -> None:
