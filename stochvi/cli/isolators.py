@@ -226,6 +226,7 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
         unseen_notes,
     )
     from stochvi.isolators.screening import screen as solve
+    from stochvi.model.coverage import unshaken
     from stochvi.results.base import plain
     from stochvi.results.errors import NotApplicable
     from stochvi.scenes.scene import load_scene
@@ -239,11 +240,8 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
     linear = solve(loaded)
     record = linear.record
     stds = {name: gap.displacement_std for name, gap in linear.impact_pairs.items()}
-    if still := [name for name, std in stds.items() if not std > 0.0]:
-        raise NotApplicable(
-            "clearance",
-            [f"excitation must move the gap of {', '.join(still)}; leave out what stays still"],
-        )
+    if still := unshaken(stds):
+        raise NotApplicable("clearance", still)
     places = np.transpose([lengths("--gaps", gaps, plain=std) for std in stds.values()])
     places = places.reshape(-1, len(stds))
     unseen: list[str] = []

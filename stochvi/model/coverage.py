@@ -258,6 +258,16 @@ def without_noise(model: Model, *, with_sines: bool = False) -> list[str]:
     return [f"excitation must contain {wanted}, got {got} alone{remedy}"]
 
 
+def unshaken(rms: Mapping[str, float]) -> list[str]:
+    """The sentence that names pairs that nothing shakes, by the rms motions of all."""
+    still = [name for name, each in rms.items() if not each > 0.0]
+    pairs, them = ("pair", "it") if len(still) == 1 else ("these pairs:", "them")
+    return [
+        f"nothing shakes {pairs} {', '.join(still)}; remove {them}, or add an excitation with "
+        "another axis"
+    ] * bool(still)
+
+
 def without_free_response(model: Model) -> list[str]:
     """The sentences that one oscillator has no stationary motion without stops."""
     return [

@@ -148,7 +148,7 @@ def test_the_cost_of_accuracy_is_a_table_a_document_and_a_picture(
     assert (code, "budget must be" in err) == (2, True)
 
 
-def test_clearance_names_the_pair_whose_gap_stays_still(stochvi: Run, tmp_path: Path):
+def test_pairs_that_nothing_shakes_are_named(stochvi: Run, tmp_path: Path):
     two = {
         "structure": {
             "kind": "matrices", "coordinates": ["a", "b"], "mass": [[1.0, 0.0], [0.0, 1.0]],
@@ -162,8 +162,20 @@ def test_clearance_names_the_pair_whose_gap_stays_still(stochvi: Run, tmp_path: 
         "excitation": [{"kind": "white", "on": "a", "intensity": 0.1}],
     }  # fmt: skip
     (tmp_path / "two.toml").write_text(to_toml(two), "utf-8")
-    code, _, err = stochvi("clearance", tmp_path / "two.toml", "--quiet")
-    assert (code, "quiet" in err, "shaken" in err) == (2, True, False)
+    told = "nothing shakes pair quiet; remove it, or add an excitation with another axis"
+    phases = [{"name": "road", "duration": 60.0}, {"name": "rough", "duration": 60.0}]
+    (tmp_path / "phases.toml").write_text(to_toml(two | {"phase": phases}), "utf-8")
+    size = ("--probability", "1%", "--quiet")
+    assert told in refused(stochvi("clearance", tmp_path / "two.toml", "--quiet"))
+    assert told in refused(stochvi("size", tmp_path / "two.toml", *size))
+    assert told in refused(stochvi("size", tmp_path / "phases.toml", *size))
+    by_damage = ("size", tmp_path / "two.toml", "--damage-ratio", "2", "--at", "b", "--quiet")
+    assert told in refused(stochvi(*by_damage))
+    two["impact_pair"].append(two["impact_pair"][1] | {"name": "calm"})
+    (tmp_path / "two.toml").write_text(to_toml(two), "utf-8")
+    assert "nothing shakes these pairs: quiet, calm; remove them, or" in refused(
+        stochvi("size", tmp_path / "two.toml", *size)
+    )
 
 
 def test_an_isolator_is_screened_and_its_clearance_answered(stochvi: Run, tmp_path: Path):

@@ -122,6 +122,18 @@ def test_the_mass_does_not_count_where_a_phase_moves_it(mass: float, stopped: bo
     assert found.clearance.value == pytest.approx(light.clearance.value, rel=1e-6)
 
 
+def test_a_phase_that_is_not_simulated_states_the_largest_share_that_it_adds() -> None:
+    """Rounded up to one digit; a share that no noise tells from 0 is below a limit."""
+    calm = [{"name": f"{level:g} dB", "duration": 60.0, "level_db": level} for level in (-3, -40)]
+    found = sized(mission([ROAD, *calm]))
+    _, share, least = found.phases["share"]
+    told = [each for each in found.assumptions if "Rice's formula bounds it" in each]
+    numbers = [float(each.split(" adds less than ")[1].split(" % to the risk")[0]) for each in told]
+    assert [each.split(" adds")[0] for each in told] == ["phase -3 dB", "phase -40 dB"]
+    assert 1e-10 < share < 0.01 * numbers[0] < 2.0 * share
+    assert least < 1e-12 and numbers[1] == pytest.approx(1e-10)
+
+
 def test_a_mission_is_shown_and_copied() -> None:
     found = sized(THREE["a warm mount that hangs lower"])
     assert found.phases["shift"].iloc[0] == 0.0 > found.phases["shift"].iloc[1]

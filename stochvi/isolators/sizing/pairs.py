@@ -49,7 +49,7 @@ from stochvi.isolators.sizing.search import (
 )
 from stochvi.isolators.tolerances import Tolerances, tolerance_table
 from stochvi.mathematics.numerics import Matrix, Vector
-from stochvi.model.coverage import modulated
+from stochvi.model.coverage import modulated, unshaken
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import is_speed
 from stochvi.results.deadline import partial_result
@@ -469,15 +469,8 @@ class SharedRisk(SizingMethod):
             raise NotApplicable("size", pressed)
         self.motion = PairMotion(self.model)
         self.sigma, self.speed = self.motion.displacement_std, self.motion.velocity_std
-        still = [self.names[k] for k in self.sized if self.sigma[k] == 0.0]
-        if still:
-            raise NotApplicable(
-                "size",
-                [
-                    "excitation must move the gap of every pair, got none that moves "
-                    f"{', '.join(still)}; leave these pairs out of the scene"
-                ],
-            )
+        if still := unshaken({self.names[k]: self.sigma[k] for k in self.sized}):
+            raise NotApplicable("size", still)
         self.curves: list[RiskCurve] = []
         for number, k in enumerate(self.sized):
             self.curves.append(self._known_curve(k) or self._curve(number, k))

@@ -39,12 +39,12 @@ from stochvi.isolators.sizing.sensitivity import LEAST_SECONDS, worst_case
 from stochvi.isolators.tolerances import Tolerances
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.unsteady_noise import RandomLevel
-from stochvi.model.coverage import free_motion, modulated, nonlinear, scene_notes
+from stochvi.model.coverage import free_motion, modulated, nonlinear, scene_notes, unshaken
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import DataFrame, frame_of
+from stochvi.results.base import DataFrame, frame_of, rows_of
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import provenance
+from stochvi.results.estimates import provenance, spoken_percent
 from stochvi.sampling.calculations import AccuracyOptions, calculation
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.phases import Phase, bias_of_steps, steps_of_bands
@@ -572,7 +572,11 @@ def size_mission(
     phases = {phase.name: PhaseOfPairs.of(phase, scene) for phase in scene.phases}
     hazard = -math.log1p(-target.value)
     names = [each.name for each in model_of(as_stated(scene)).pairs] or ["stops"]
-    guesses = [_guess(phases, number, name, hazard) for number, name in enumerate(names)]
+    gaps = [[phase.gaps[number] for phase in phases.values()] for number in range(len(names))]
+    loudest = [max(gap.sigma for gap in each) for each in gaps]
+    if still := unshaken(dict(zip(names, loudest, strict=True))):
+        raise NotApplicable("size", still)
+    guesses = [_guess(each, hazard) for each in gaps]
     felt = _felt(phases, {name: phase.expected(guesses) for name, phase in phases.items()})
     busy = {name: phases[name].duration for name in felt}
     several, steps = len(names) > 1, steps_of_bands(scene.phases)
@@ -596,21 +600,23 @@ def size_mission(
     needed = {
         name: Joint({name: joint.phases[name]}).clearance(hazard, guess).value for name in busy
     }
-    idle = [name for name in phases if name not in busy]
+    table = _table(phases, joint, clearance.value, widest, needed)
+    idle = {row["phase"]: row["share"] for row in rows_of(table) if row["phase"] not in busy}
     return MissionSizing(
         scene=scene, target=target, mission=sum(phase.duration for phase in phases.values()),
         clearances={
             name: Clearance(value=value, lower=lower, upper=upper)
             for name, (value, lower, upper) in zip(names, ends.tolist(), strict=True)
         },
-        phases=_table(phases, joint, clearance.value, widest, needed),
+        phases=table,
         curve=joint.curve(clearance.value),
         assumptions=(
             *([INDEPENDENT] if len(phases) > 1 else []),
             *spoken_lags({name: each.scene for name, each in phases.items()}, scene.phases),
             *([FOLLOWED] if any(each.scene.random_level for each in phases.values()) else []),
             *([IN_PIECES] if any(each.has_fast_peaks for each in phases.values()) else []),
-            *(f"phase {name} hardly matters, and counts by Rice's crossings" for name in idle),
+            *(f"phase {name} adds less than {_limit(share)} to the risk; Rice's formula bounds it"
+              for name, share in idle.items()),
             *(
                 f"phase {name}: {note}"
                 for name in busy
@@ -625,6 +631,16 @@ def size_mission(
         warnings=joint.short(run.accuracy), cost=run.cost(),
         provenance=provenance(scene.document(), run.seed),
     )  # fmt: skip
+
+
+def _limit(share: float) -> str:
+    """A limit of a small share with one digit, in per cent."""
+    digit = 10.0 ** math.floor(math.log10(max(share, TINY)))
+    return spoken_percent((math.floor(share / digit) + 1.0) * digit)
+
+
+TINY = 1e-12
+"""Smallest share of a risk that is told, as no noise is Gaussian as far as that."""
 
 
 def _table(
@@ -646,18 +662,11 @@ def _table(
     return frame_of(rows)
 
 
-def _guess(phases: Mapping[str, PhaseOfPairs], number: int, name: str, hazard: float) -> float:
-    """The clearance of a pair that is crossed so often in the mission, by Rice's formula."""
-    gaps = [phase.gaps[number] for phase in phases.values()]
-    sigma = max(gap.sigma for gap in gaps)
-    if not sigma:
-        raise NotApplicable(
-            "size",
-            [f"excitation must move the gap of every pair, got none that moves {name} in any "
-             "phase; leave this pair out of the scene"],
-        )  # fmt: skip
+def _guess(gaps: Sequence[GapInPhase], hazard: float) -> float:
+    """The clearance of a pair with these gaps in the phases that is crossed so often in the
+    mission, by Rice's formula."""
     nearest = max(abs(gap.shift) for gap in gaps)
-    step = FARTHEST_SIZED * sigma
+    step = FARTHEST_SIZED * max(gap.sigma for gap in gaps)
 
     def excess(place: float) -> float:
         return sum(gap.expected(place) for gap in gaps) - hazard
@@ -802,9 +811,8 @@ def size_by_damage(
         raise NotApplicable("size", unmet)
     names = [pair.name for pair in model.pairs]
     sigmas, _ = free_motion(model).deviations(np.array([pair.direction for pair in model.pairs]))
-    if not sigmas.all():
-        still = ", ".join(name for name, sigma in zip(names, sigmas, strict=True) if not sigma)
-        raise NotApplicable("size", [f"excitation must move the gap of every pair, not of {still}"])
+    if still := unshaken(dict(zip(names, sigmas.tolist(), strict=True))):
+        raise NotApplicable("size", still)
     sigma = float(sigmas.max())
     shares = sigmas / sigma
 
