@@ -38,6 +38,9 @@ def __getattr__(name: str) -> Any:
         for room in _rooms(__name__, __all__):
             if name in room.__all__:
                 return getattr(room, name)
+        from stochvi.results.base import unknown_name
+
+        raise AttributeError(*unknown_name(name, __dir__()).args)
     return _lazy_getattr(name)
 
 

@@ -4,6 +4,7 @@ conventions of spectral densities; units in which quantities are shown."""
 from __future__ import annotations
 
 import contextlib
+import difflib
 import functools
 import inspect
 import itertools
@@ -216,7 +217,10 @@ def bound_to(
         return signature.bind(*args, **kwargs)
     except TypeError as reason:
         got = str(reason).replace("too many", "got too many")
-        raise TypeError(f"{function}() {got}") from None
+        wrong = next((name for name in kwargs if repr(name) in got), "")
+        near = difflib.get_close_matches(wrong, signature.parameters, 1)
+        meant = f"; did you mean {near[0]}?" if near else ""
+        raise TypeError(f"{function}() {got}{meant}") from None
 
 
 def checked(function: Callable[P, T]) -> Callable[P, T]:

@@ -735,6 +735,11 @@ class Quantities(Mapping[str, Quantity]):
             raise unknown_name(name, self._names())
         return cast("Quantity", getattr(self, name))
 
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            raise AttributeError(*unknown_name(name, _names_of(type(self))).args)
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._names())
 

@@ -447,6 +447,10 @@ def test_a_wrong_name_is_told_with_the_nearest_known_one_first() -> None:
         found["stops.colision_rate"]
     with pytest.raises(AttributeError, match="clearence; known: clearance"):
         _ = base.Named(clearance=1.0).clearence
+    with pytest.raises(AttributeError, match="velocity_sdt; known: velocity_std, "):
+        _ = found["x"].velocity_sdt
+    with pytest.raises(AttributeError, match=r"simulat; known: simulate, .* more"):
+        _ = stochvi.simulat
 
 
 def test_the_names_of_an_answer_are_those_of_a_sweep() -> None:
@@ -717,6 +721,10 @@ def test_parts_that_users_make_and_call_name_a_wrong_argument() -> None:
         (lambda: law.impact(), "impact() missing a required argument: 'speed'"),
         (lambda: stochvi.screen(lossy(), level=3.0),
          "screen() got an unexpected keyword argument 'level'"),
+        (lambda: stochvi.size(lossy(), mision=3.0),
+         "size() got an unexpected keyword argument 'mision'; did you mean mission?"),
+        (lambda: stochvi.simulate(mision=3.0),
+         "simulate() missing a required argument: 'scene'"),
         (lambda: lossy().at_level(1.0, 2.0), "at_level() got too many positional arguments"),
     ):  # fmt: skip
         with pytest.raises(TypeError, match=f"^{re.escape(words)}$"):
