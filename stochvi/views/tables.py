@@ -334,7 +334,8 @@ def to_copy(found: ClearanceAnswer) -> list[str]:
     if not found.several and abs(found.rest) > UNFELT:
         line += f"; {equilibrium_in_words(found)}"
     if len(found.each_made) > MOST_NAMED:
-        line = f"Copy into the scene file: the stops of {len(found.each_made)} pairs, see -v"
+        line = f"Copy into the scene file: the stops of {len(found.each_made)} pairs, "
+        line += "as the table of -v and of the page lists them"
     return [line] * bool(copied)
 
 

@@ -43,6 +43,7 @@ from stochvi.scenes.datasets import shipped_scene
 from stochvi.views.isolator_tables import clearance_told
 from stochvi.views.pages import Page, Picture
 from stochvi.views.report import missions, sections, sizing
+from stochvi.views.tables import to_copy
 from support.pairs import pair, uncoupled
 from support.sized import scene_between_stops, sizing_of
 
@@ -315,8 +316,8 @@ def test_a_page_of_many_pairs_lists_where_each_stop_goes(
     phases: MissionSizing, drawn: Drawn, kind: str
 ) -> None:
     """Two pairs round to the same clearance; sentence and cards name that with the larger one."""
-    stops = [pair(name, name[0], 4.0) for name in ("x near", "x far", "x too", "z")]
-    values = (3e-3, 16.06e-3, 16.02e-3, 9e-3)
+    stops = [pair(name, name[0], 4.0) for name in ("x near", "x far", "x too", "z", "z too")]
+    values = (3e-3, 16.06e-3, 16.02e-3, 9e-3, 8e-3)
     found: ClearanceAnswer = replace(
         phases,
         scene=uncoupled(*stops).replace(phases=phases.scene.phases),
@@ -336,8 +337,12 @@ def test_a_page_of_many_pairs_lists_where_each_stop_goes(
             ),
             provenance=phases.provenance,
         )  # fmt: skip
-    assert "from 3.0 mm at x near to 16.1 mm at x far, each of 4 pairs" in found.verdict()
+    assert "from 3.0 mm at x near to 16.1 mm at x far, each of 5 pairs" in found.verdict()
     assert "at 16.06 mm for x far" in found.verdict()
+    assert to_copy(found) == [
+        "Copy into the scene file: the stops of 5 pairs, as the table of -v and of the page "
+        "lists them"
+    ]
     page = missions.clearance_page(found, origin_of(found.provenance))
     cards = Cards(page.html())
     assert [*cards.lengths()] == [f"Clearance of {name} to make" for name in ("x near", "x far")]
@@ -345,10 +350,10 @@ def test_a_page_of_many_pairs_lists_where_each_stop_goes(
     places = told.grids[0]
     assert [(row[0], row[1], row[-1]) for row in places.rows] == [
         ("x near", "3.0 mm", "0.003"), ("x far", "16.1 mm", "0.0161"),
-        ("x too", "16.1 mm", "0.0161"), ("z", "9.0 mm", "0.009"),
+        ("x too", "16.1 mm", "0.0161"), ("z", "9.0 mm", "0.009"), ("z too", "8.0 mm", "0.008"),
     ]  # fmt: skip
     assert capital(places.caption) in page.html()
-    assert [each.upper for each in drawn[0]] == [0.003, 0.0161, 0.0161, 0.009]
+    assert [each.upper for each in drawn[0]] == [0.003, 0.0161, 0.0161, 0.009, 0.008]
 
 
 def no_hits(*_: object, **__: object) -> None:
