@@ -113,7 +113,7 @@ def test_a_changed_scene_stands_beside_it(
     scene.write_text(WHITE, encoding="utf-8")
     done = stochvi(
         "size", scene, "--probability", "0.05", *ROUGH, "--json", "-", "--out", tmp_path,
-        "--sensitivity", "--budget", "60",
+        "--sensitivity",
     )  # fmt: skip
     assert done.code == 0
     changes = [row["change"] for row in one_document(done.out)["sensitivity"]]
