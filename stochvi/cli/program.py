@@ -14,7 +14,7 @@ import sys
 import time
 import tomllib
 import warnings
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
@@ -246,11 +246,13 @@ def _stop_for(error: BaseException) -> NoReturn:
     if isinstance(error, KeyboardInterrupt):
         stop(str(error) or "interrupted by Ctrl-C; nothing was kept", FAILED)
     if isinstance(error, NotConverged):
-        stop(str(error), FAILED)
+        stop(with_options(str(error), _options()), FAILED)
     if isinstance(error, ArithmeticError) and not isinstance(error, StochviError):
         stop(f"the scene {beyond_arithmetic(error)}", BAD_INPUT)
-    if isinstance(error, StochviError | ValueError):
+    if isinstance(error, StochviError):
         stop(str(error), BAD_INPUT)
+    if isinstance(error, ValueError):  # of an argument; keys of scenes are in SceneErrors
+        stop(with_options(str(error), _options()), BAD_INPUT)
     if isinstance(error, MemoryError):
         stop(f"not enough memory ({error}); reduce paths or samples", BAD_INPUT)
     if isinstance(error, OSError):
@@ -260,6 +262,41 @@ def _stop_for(error: BaseException) -> NoReturn:
                  "room, or name another place", FAILED)  # fmt: skip
         stop(f"{named}{reason_of(error)}", BAD_INPUT)
     raise error
+
+
+ARGUMENT = re.compile(r"(?<![\w'\".=-])(?:(?<=raise )|(?<=lower )|(?=\w+_))\w+")
+"""A word of a message that may name an argument of Python: what to raise or lower, and what has an
+underscore, outside quotes and dotted names."""
+
+CHOICE = re.compile(r"(?<=exactly one of )\w+(?:, \w+)+|(?<=give )\w+ or \w+(?=, not both)")
+"""Arguments of which one is to be given."""
+
+
+def with_options(message: str, options: Mapping[str, str]) -> str:
+    """A message with the options of a command in the place of the arguments of Python.
+
+    >>> options = {"budget": "--budget", "rel_error": "--rel-error", "rate": "--rate"}
+    >>> with_options("the rate is 3; lower rel_error or raise budget", options)
+    'the rate is 3; lower --rel-error or raise --budget'
+    >>> with_options("rel_error must be a number, got 'rel_error'", options)
+    "--rel-error must be a number, got 'rel_error'"
+    """
+
+    def option(found: re.Match[str]) -> str:
+        return options.get(found[0], found[0])
+
+    chosen = CHOICE.sub(lambda found: re.sub(r"\w+", option, found[0]), message)
+    return ARGUMENT.sub(option, chosen)
+
+
+def _options() -> Mapping[str, str]:
+    """The options of the command that runs, by the names of its arguments."""
+    context = click.get_current_context()
+    command = main.get_command(context, context.invoked_subcommand or "")
+    known = [] if command is None else command.params
+    return {
+        str(each.name): max(each.opts, key=len) for each in known if isinstance(each, click.Option)
+    }
 
 
 def _prepare_streams() -> None:

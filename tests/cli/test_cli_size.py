@@ -167,7 +167,7 @@ def test_the_picture_holds_rice_three_sigma_and_the_answer(by_python: Sizing) ->
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ((), "give exactly one of probability, rate, impact_speed, peak_acceleration"),
+        ((), "give exactly one of --probability, --rate, --impact-speed, --peak-acceleration"),
         (("--probability", "200,0%"), "probability must be in (0, 0.999], got 2; 1 % is 0.01"),
         (("--probability", "2"), "probability must be in (0, 0.999], got 2; 1 % is 0.01"),
         (
@@ -185,7 +185,7 @@ def test_the_picture_holds_rice_three_sigma_and_the_answer(by_python: Sizing) ->
         ),
         (("--peak-acceleration", "30g"), "needs the stiffness of the stops"),
         (("--rate", "1", "--mission", "-1"), "mission must be a positive"),
-        (("--probability", "0.1", "--rel-error", "2"), "rel_error must be in"),
+        (("--probability", "0.1", "--rel-error", "2"), "--rel-error must be in"),
     ],
 )
 def test_bad_input_is_a_sentence(stochvi: Run, arguments: tuple[str, ...], sentence: str) -> None:
@@ -394,3 +394,32 @@ unit = "g2/Hz"
     assert "Phase climb" in words and "Sine on base 0.9807 m/s² peak at 17 Hz" in words
     assert re.search(r"Phase tracks the first of \d+ steps", words)
     assert words.count("Simulated ") == 2
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        (
+            ["size"],
+            "give exactly one of --probability, --rate, --impact-speed, --peak-acceleration",
+        ),
+        (["simulate", "--rel-error", "2"], "--rel-error must be in [1e-6, 1), got 2"),
+        (["simulate", "--rel-error", "0.1", "--paths", "8"], "give --rel-error or --paths, not"),
+        (["simulate", "--rel-error", "1e-6", "--budget", "0.2s"], "raise --budget"),
+    ],
+)
+def test_an_error_names_options_and_not_arguments_of_python(
+    stochvi: Run, asked: list[str], said: str
+) -> None:
+    command, *options = asked
+    done = stochvi(command, ISOLATOR, *options)
+    assert done.code in (1, 2) and said in done.err
+
+
+def test_an_error_in_a_scene_names_its_keys(stochvi: Run, tmp_path: Path) -> None:
+    """`rate` is an option of `size`, and a key of pulses."""
+    text = Path(ISOLATOR).read_text(encoding="utf-8")
+    scene = tmp_path / "pulses.toml"
+    scene.write_text(f'{text}\n[[excitation]]\nkind = "pulses"\nrate = -1.0\non = "base"\n')
+    done = stochvi("size", scene, "--rate", "1/h")
+    assert done.code == 2 and "rate" in done.err and "--rate" not in done.err

@@ -58,7 +58,7 @@ def test_an_answer_is_a_document_and_files(
     ("asked", "sentence"),
     [
         (("--rel-error", "1e-5"), "relative standard error"),
-        (("--paths", "1000000"), "of 1000000 paths; raise budget"),
+        (("--paths", "1000000"), "of 1000000 paths; raise --budget"),
     ],
     ids=["error", "paths"],
 )
@@ -97,9 +97,9 @@ def test_stops_that_are_never_hit_are_said(
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--paths", "8", "--rel-error", "0.1"), "give rel_error or paths, not both"),
+        (("--paths", "8", "--rel-error", "0.1"), "give --rel-error or --paths, not both"),
         (("--paths", "1"), "paths must be at least 2 for a standard error, got 1"),
-        (("--rel-error", "nan"), "rel_error must be in [1e-6, 1), got nan"),
+        (("--rel-error", "nan"), "--rel-error must be in [1e-6, 1), got nan"),
         (("--seed", "-1"), "seed must be in [0, 2^63), got -1"),
         (("--threads", "0"), "threads must be at least 1, got 0"),
         (("--budget", "0"), "budget must be a positive number of seconds, got 0.0"),
@@ -117,7 +117,7 @@ def test_an_option_out_of_range_is_one_sentence(
     ("arguments", "sentence"),
     [
         (("impacts", "--duration", "0"), "duration must be a positive number of seconds"),
-        (("impacts", "--speed-threshold", "-1"), "speed_threshold must be at least 0"),
+        (("impacts", "--speed-threshold", "-1"), "--speed-threshold must be at least 0"),
         (("spectrum", "--highest", "0"), "highest must be a positive number"),
         (("spectrum", "--segment", "nan"), "--segment must be a number"),
         (("spectrum", "--segment", "1e-3"), "segment must be at least"),

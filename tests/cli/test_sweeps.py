@@ -908,7 +908,7 @@ def test_a_budget_that_ends_first_is_a_failure_with_what_there_is(stochvi: Run) 
         (("--from", "20", "--to", "30", "--points", "1"), "--points must be at least 2, got 1"),
         (("--vary", "a=1:2:3", "--from", "1"), "--vary takes the place of --from and --to"),
         (("--coordinate", "y"), "coordinate must be one of x, got 'y'"),
-        (("--impacts", "0"), "most_impacts must be at least 1, got 0"),
+        (("--impacts", "0"), "--impacts must be at least 1, got 0"),
     ],
 )
 def test_what_cannot_be_asked_is_refused(
