@@ -58,7 +58,7 @@ LESS = {
     "basins": ["--start", "displacement.x=0", "--start", "velocity.x=-0.1:0.1:3"],
     "bifurcation": ["--points", "3"],
 }
-"""Options after those of a command, where the later of two counts, that ask for less work."""
+"""Options that ask for less work, in the place of those of a command."""
 
 FRAME = {
     "structure": {"kind": "isolator", "mass": 1.0, "frequency_hz": 12.0, "zeta": 0.1},
@@ -100,10 +100,21 @@ def shortened(arguments: list[str]) -> list[str]:
         name = "simulate, so many paths"
     if name == "sine":  # regimes are looked for over the whole range, however few values are drawn
         first = float(arguments[arguments.index("--from") + 1])
-        return [*arguments, *LESS[name], "--to", f"{1.1 * first:g}"]
+        return instead(arguments, [*LESS[name], "--to", f"{1.1 * first:g}"])
     if name == "sweep" and "--rel-error" in arguments:
         name = "sweep, simulated"
-    return [*arguments, *LESS.get(name, [])]
+    return instead(arguments, LESS.get(name, []))
+
+
+def instead(arguments: list[str], options: list[str]) -> list[str]:
+    """The arguments with these options, each followed by its value, in the place of their own."""
+    kept, own = [], iter(arguments)
+    for word in own:
+        if word in options[::2]:
+            next(own)
+        else:
+            kept.append(word)
+    return [*kept, *options]
 
 
 def files_are_there(folder: Path) -> bool:
