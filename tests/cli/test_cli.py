@@ -1115,7 +1115,7 @@ ROAD = {"kind": "road", "road": "D", "speed_kmh": 50.0, "band_hz": [0.5, 30.0]}
 
 HARD = {
     "a light damper": ({"frequency_hz": 12.0, "zeta": 1e-3}, NOISE, "reliability --mission 3600"),
-    "a heavy damper": ({"frequency_hz": 12.0, "Q": 5e-3}, NOISE, "spectrum"),
+    "a heavy damper": ({"frequency_hz": 12.0, "Q": 0.02}, NOISE, "spectrum"),
     "a slow mount": ({"frequency_hz": 2.5e-3, "zeta": 0.15}, ROAD, "simulate"),
     "a box, clearance": (None, None, "clearance"),
     "a box, size": (None, None, "size --probability 0.01 --mission 600"),

@@ -820,9 +820,8 @@ def plan_modal_tables(
     # Gaussian noise of their density stands for what is drawn in the choice of steps and lengths
     planned = model.with_tables_of_drawn
     known = basis(planned, threshold, duration, scales, settling) | {"model": model}
-    modes = planned.modal
     warm_up = 2.0 * WARM_UP_RELAXATIONS * known["law"].slowest
-    length = _block_length(modes, max(_resonance_length(modes), 2.0 * warm_up))
+    length, samples = _of_block(planned, known, warm_up)
     # a level does not repeat with the block, of which the warm-up is the end
     longest = length - (warm_up if model.level is not None else 0.0)
     blocks = 1 if duration is None else math.ceil(duration / longest)
@@ -832,7 +831,6 @@ def plan_modal_tables(
             [f"a path of {duration:.3g} s needs more than {MOST_BLOCKS // 2} blocks of "
              f"{length:.3g} s; give a shorter duration and more paths"],
         )  # fmt: skip
-    samples = _samples(modes, length, 1.0 / _interval(planned, known), _on_stops(planned, known))
     plan = ModalTablesPlan(**known, samples=samples, block_length=length, blocks=blocks)
     plan = replace(
         plan,
@@ -842,6 +840,25 @@ def plan_modal_tables(
     )
     check_stiffness(plan)
     return plan
+
+
+SHORTER = (1.0, 0.5, 0.25)
+"""Lengths of a block, relative to the usual one, where that would have too many samples. Variances
+of bins are exact at any length; between shorter blocks less of the motion is remembered."""
+
+
+def _of_block(model: Model, known: dict[str, Any], warm_up: float) -> tuple[float, int]:
+    """Length, s, and number of samples of a block."""
+    modes, usual = model.modal, _resonance_length(model.modal)
+    rate, on_stops = 1.0 / _interval(model, known), _on_stops(model, known)
+    for share in SHORTER:
+        length = _block_length(modes, max(share * usual, 2.0 * warm_up))
+        try:
+            return length, _samples(modes, length, rate, on_stops)
+        except NotApplicable:
+            if share == SHORTER[-1]:
+                raise
+    raise AssertionError
 
 
 def _interval(model: Model, known: dict[str, Any]) -> float:
