@@ -462,7 +462,9 @@ def history(
 
 def _check_fits(plan: Plan, step: float, duration: float) -> None:
     """NotApplicable if the record, and the table made of it, would not fit into the memory."""
-    if (size := COLUMNS * plan.record_size(math.ceil(duration / step))) > MOST_NUMBERS:
+    if (
+        size := COLUMNS * plan.record_size(math.ceil(min(duration / step, MOST_NUMBERS)))
+    ) > MOST_NUMBERS:
         longest = duration * MOST_NUMBERS / size
         raise NotApplicable(
             "history",

@@ -225,7 +225,7 @@ def test_reliability_of_several_pairs_says_what_each_risks(stochvi: Run, tmp_pat
     scene.write_text(TWO_PAIRS)
     done = stochvi(
         "reliability", scene, "--mission", "10", "--rel-error", "0.2", "--budget", "600",
-        "--json", "-", "--out", tmp_path / "out",
+        "--json", "-", "--out", tmp_path / "out", "-v",
     )  # fmt: skip
     assert done.code == 0
     document = one_document(done.out)

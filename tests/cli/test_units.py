@@ -227,7 +227,7 @@ def test_a_clearance_to_make_is_never_rounded_down(stochvi: Run, tmp_path: Path)
     for units in ("mm", "in", "mil", "ft", "µm", "cm"):
         done = stochvi(*COMMANDS["size"], "--units", units, "--json", tmp_path / "a.json")
         made = one_document((tmp_path / "a.json").read_text())["made"]
-        shown = re.search(rf"clearance: ([\d.]+) {units} per side", done.out)
+        shown = re.search(rf"^Make ([\d.]+) {units} on each side", done.out)
         assert shown is not None, done.out
         size = units_of(units)["length"].si
         over = float(shown[1]) * size - made["value"]
