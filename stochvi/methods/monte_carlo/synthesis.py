@@ -273,7 +273,7 @@ def expected_of_free_motion(
     variances: NDArray[np.float64], relative: float, samples: int, step: float,
     beyond: Mapping[str, float],
 ) -> dict[str, float]:  # fmt: skip
-    """Expected averages of `add_free_motion`, by name.
+    """Expected averages over the motion without stops, by name.
 
     Parameters
     ----------
