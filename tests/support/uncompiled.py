@@ -35,15 +35,15 @@ def averages() -> dict[str, list[float]]:
     for name, case in RIGID.items():
         plan = make_plan(model_of(case), None, 2.0).with_step(0.1)
         found[f"rigid: {name}"] = replace(plan, burn_in=0.1, duration=4.0).averages(3, 0, 3)
-    found["rigid: response domain"] = make_plan(model_of(isolator(0.002)), None, 2.0).averages(
-        3, 0, 3
-    )
+    # short, as impacts amplify what the compiler rounds otherwise
+    short = replace(make_plan(model_of(isolator(0.002)), None, 0.5), burn_in=0.1)
+    found["rigid: response domain"] = short.averages(3, 0, 3)
     for name, case in SOFT.items():
         plan = plan_compliant(model_of(case), None, 4.0).with_step(0.25)
         found[f"soft: {name}"] = replace(plan, burn_in=0.5).averages(3, 0, 3)
     for name, (law, beside) in COMPANY.items():
         plan = make_plan(model_of(bumpered_mount(law, sigmas=0.5, beside=beside)), 0.0, 0.3)
-        plan = replace(plan, warm_up=0.05, block_length=2.0, samples=360)
+        plan = replace(plan, burn_in=0.05, block_length=2.0, samples=360, step=2.0 / 360)
         found[f"soft, tabulated: {name}"] = plan.averages(3, 0, 1)
     return {name: np.asarray(sums).ravel().tolist() for name, sums in found.items()}
 
