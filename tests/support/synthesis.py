@@ -88,10 +88,15 @@ class OfMass:
         self, seed: int, first: int, paths: int, record: np.ndarray | None = None,
         log: Log | None = None,
     ) -> dict[str, np.ndarray]:  # fmt: skip
-        """Time averages (paths,) by what they are."""
+        """Time averages (paths,) by what they are, displacements from the rest position."""
         found = self.plan.averages(seed, first, paths, record, log)
         rows = zip(self.plan.layout.rows, found, strict=True)
-        return {what: row for (_, what), row in rows if not what.startswith("free")}
+        named = {what: row for (_, what), row in rows if not what.startswith("free")}
+        (origin,) = self.plan.layout.origins.values()
+        away = origin - self.plan.model.rest
+        named["xx"] = named["xx"] + 2.0 * away * named["x"] + away**2
+        named["x"] = named["x"] + away
+        return named
 
     def recorded(
         self, seed: int, first: int, paths: int, log: Log | None = None

@@ -687,7 +687,7 @@ def test_a_wall_and_a_stop_that_gives_way_balance_too() -> None:
     sums = plan.averages(6, 0, 64)
     # rest position 0: omega^2 E x = 2 F1 - force
     push = 2.0 * sums["f1_lower"] - sums["force_upper"]
-    x = sums["x"] + plan.layout.origins["x"]
+    x = sums["x"]
     residual = x - push
     error = float(residual.std(ddof=1)) / 8.0
     assert_agrees(Estimate(value=float(residual.mean()), standard_error=error, bias=0.0), 0.0)
