@@ -4,6 +4,7 @@ sample, with its impacts."""
 from __future__ import annotations
 
 import math
+import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, replace
@@ -462,9 +463,8 @@ def history(
 
 def _check_fits(plan: Plan, step: float, duration: float) -> None:
     """NotApplicable if the record, and the table made of it, would not fit into the memory."""
-    if (
-        size := COLUMNS * plan.record_size(math.ceil(min(duration / step, MOST_NUMBERS)))
-    ) > MOST_NUMBERS:
+    samples = min(duration / step, sys.maxsize)  # it may be infinite
+    if (size := COLUMNS * plan.record_size(math.ceil(samples))) > MOST_NUMBERS:
         longest = duration * MOST_NUMBERS / size
         raise NotApplicable(
             "history",
