@@ -71,6 +71,10 @@ class Averages(NamedTuple):
     power_upper: float
 
 
+BORDER = 1e-12
+"""Width of the border of two strips, in lengths of the box."""
+
+
 class StripDensity:
     """A solution on strips in SI units; its mirror image is the other half of a symmetric scene.
 
@@ -103,7 +107,9 @@ class StripDensity:
         lower = np.searchsorted(self._from_left, above, side="left")
         upper = first + np.searchsorted(self._from_right, below, side="left")
         # strips that count from the left end may reach beyond the middle, as those before a stop do
-        place = np.where(lower < first, lower, upper)
+        begin = self.solved.strips[first].near if len(self._from_right) else 0.0
+        near_left = (above <= -below) | (below < begin - BORDER)
+        place = np.where(near_left & (lower < first), lower, upper)
         place = np.clip(place, 0, len(self.solved.strips) - 1)
         near = np.array([s.near for s in self.solved.strips])[place]
         far = np.array([s.far for s in self.solved.strips])[place]
