@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 import click
 
 from stochvi.results.deadline import Pace, Progress
-from stochvi.results.errors import RENAMED, SceneError, TargetError, visible
+from stochvi.results.errors import RENAMED, SceneError, TargetError, told_of_name, visible
 from stochvi.results.files import named_files
 
 if TYPE_CHECKING:
@@ -224,8 +224,8 @@ class Commands(click.Group):
         if args[:1] == ["sine"] and args[1:] and args[1] in UNDER_SINE:
             args = args[1:]
         if args and args[0] in RENAMED:
-            old, args = args[0], [RENAMED[args[0]], *args[1:]]
-            click.echo(f"note: {old} is called {args[0]} now; the next version drops it", err=True)
+            click.echo(f"note: {told_of_name(args[0])}", err=True)
+            args = [RENAMED[args[0]], *args[1:]]
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:

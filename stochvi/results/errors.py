@@ -20,11 +20,15 @@ RENAMED = {"jolt": "perturbations", "jolts": "perturbations", "stability": "grow
 """Earlier names of commands and functions with those of today."""
 
 
+def told_of_name(name: str) -> str:
+    """The sentence that tells the name of today to who uses an earlier one."""
+    return f"{name} is called {RENAMED[name]} now; the next version drops it"
+
+
 def name_of_today(name: str) -> str:
     """The name that is meant by an earlier one, with a warning to who asks a module for that."""
     if name in RENAMED:
-        words = f"{name} is called {RENAMED[name]} now; the next version drops it"
-        warnings.warn(words, DeprecationWarning, stacklevel=3)
+        warnings.warn(told_of_name(name), DeprecationWarning, stacklevel=3)
     return RENAMED.get(name, name)
 
 
