@@ -146,6 +146,7 @@ CHECKS: dict[str, Callable[[str, Any], None]] = {
     "float": _check_number,
     "int": _check_whole,
     "str": _is_a(str, "a text"),
+    "int | str": _is_a((int, str), "a name or a whole number"),
     "ArrayLike": _check_numbers,
     "Sequence[float]": _check_row,
     "Sequence[float] | Matrix": _check_rows,

@@ -375,7 +375,7 @@ def read_record(
     *,
     fs: float | None = None,
     column: int | str | None = None,
-    variables: tuple[str, ...] | None = None,
+    variables: Sequence[str] | None = None,
     dataset: int | None = None,
     gaps: Literal["refuse", "split"] = "refuse",
     fewest: int = FEWEST_SAMPLES,
@@ -435,8 +435,9 @@ def read_record(
         identity = found.st_ino, found.st_size, found.st_mtime_ns
     except (OSError, ValueError):
         identity = 0, 0, 0  # what reads it says why
+    names = None if variables is None else tuple(variables)
     with in_command():
-        return _read_once(path, identity, fs, column, variables, dataset, gaps, fewest)
+        return _read_once(path, identity, fs, column, names, dataset, gaps, fewest)
 
 
 @lru_cache(maxsize=2, typed=True)

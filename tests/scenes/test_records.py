@@ -250,6 +250,21 @@ def test_a_rate_without_a_short_number_stays_as_fitted(tmp_path: Path) -> None:
     assert record.fs == pytest.approx(rate, rel=1e-12)
 
 
+def test_variables_of_a_file_may_be_named_in_any_sequence(tmp_path: Path) -> None:
+    """As its message writes them, in brackets."""
+    values = np.sin(np.arange(300.0))
+    savemat(tmp_path / "run.mat", {"t": np.arange(300.0) / 100.0, "a": values, "b": 2.0 * values})
+    for names in (["t", "b"], ("t", "b")):
+        record, _ = read_record(tmp_path / "run.mat", variables=names)
+        assert record.peak == pytest.approx(2.0 * np.abs(values - values.mean()).max(), rel=1e-3)
+    for keys, message in (
+        ({"variables": np.zeros((2, 2))}, "variables must be a list of texts, got an array"),
+        ({"column": [1]}, r"column must be a name or a whole number, got \[1\]"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            read_record(tmp_path / "run.mat", **keys)
+
+
 def test_a_band_cuts_the_density(tmp_path: Path) -> None:
     path = str(write_text(tmp_path / "run.csv", white_record(10.0)))
     noise = RecordedNoise(file=path, unit="m/s2", band_hz=[5.0, 50.0], resolution_hz=1.0)
