@@ -3,6 +3,7 @@ of a stop from a test; screening, clearance, sizing, perturbations; replay; abso
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +12,8 @@ from stochvi.cli.options import (
     BUDGET,
     Common,
     Varied,
-    acceleration,
     band,
     fail_unless_gaussian,
-    lengths,
-    numbers,
     shown,
     tolerances_of,
 )
@@ -82,14 +80,9 @@ def other_sizing(question: Question, other: dict[str, Any]) -> Show | None:
         part = "size one phase, as FILE.toml#PHASE" if scene.phases else "leave it out"
         _refuse(what, given, tuple(name for name in NEVER_WITH if name != "common"), part)
         asked = {name: each for name, each in given.items() if name not in NEVER_WITH}
-        question.asks(question.of, "phases", asked | {"common": names_in(given["common"])})
+        question.asks(question.of, "phases", asked | {"common": given["common"] or []})
         return question.show
     return None
-
-
-def names_in(text: str | None) -> list[str]:
-    """Names that are separated by commas; none without a text."""
-    return [] if text is None else [name.strip() for name in text.split(",")]
 
 
 def _refuse(
@@ -209,11 +202,13 @@ def screen(question: Question) -> Show:
 
 
 @command("kept budget, seed, threads, json, out, quiet, verbose")
-def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
+def clearance(
+    options: Common, scene: str, gaps: Callable[[float], list[float]], **asked: Any
+) -> None:
     """Find impact rates against clearance.
 
-    --gaps LIST = 1,1.5,2,2.5,3,3.5,4  Clearances per side, in rms displacements without stops, or
-        with units: 1mm,2mm.
+    --gaps LIST (multiples) = 1,1.5,2,2.5,3,3.5,4  Clearances per side, in rms displacements without
+        stops, or with units: 1mm,2mm.
     --rel-error (float) = 0.02  Relative standard error of each simulated rate.
     {keeping}
     """
@@ -242,7 +237,7 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
     stds = {name: gap.displacement_std for name, gap in linear.impact_pairs.items()}
     if still := unshaken(stds):
         raise NotApplicable("clearance", still)
-    places = np.transpose([lengths("--gaps", gaps, plain=std) for std in stds.values()])
+    places = np.transpose([gaps(std) for std in stds.values()])
     places = places.reshape(-1, len(stds))
     unseen: list[str] = []
 
@@ -280,15 +275,15 @@ def size(question: Question) -> Show:
     --probability P (probability)  Target: probability of any impact in the mission, 0.01 or 1%.
     --rate F (rate)  Target: rate of impacts on all stops, 2 (1/s) or 0.1/h.
     --impact-speed V (speed)  Target: largest impact speed of the mission, m/s.
-    --peak-acceleration A[g]  Target: largest absolute acceleration during an impact in the mission,
-        m/s^2 or g (80g).
+    --peak-acceleration A[g] (acceleration)  Target: largest absolute acceleration during an impact
+        in the mission, m/s^2 or g (80g).
     --exceedance P (probability) = 0.01  Accepted probability that a speed or acceleration is
         exceeded.
     --mission TIME (time)  Time of exposure: 3600 (s), 30min, 10h [1h, of a phase its duration; left
         out where the scene has phases].
     --at NAME  Coordinate or named point of that acceleration; default: all of them.
     --pair NAME  Pair that is sized where there are several; the others stay as they are.
-    --common LIST  Pairs that are made with one clearance in common: corner1,corner2.
+    --common LIST (names)  Pairs that are made with one clearance in common: corner1,corner2.
     --rel-error (float)  Relative standard error of the risk [0.05], of a map or of the damage
         [0.1].
     --map clearance,stiffness as wanted  Instead: peak acceleration, force, travel and energy over
@@ -317,7 +312,6 @@ def size(question: Question) -> Show:
 
     asked, options, scene = question.asked, question.options, question.scene
     asked["mission"] = asked["mission"] or phase_duration(question.file)
-    asked["peak_acceleration"] = acceleration(asked["peak_acceleration"])
     if asked["rel_error"] is None:
         del asked["rel_error"]
     if shows := other_sizing(question, {name: asked.pop(name) for name in OTHER}):
@@ -325,7 +319,7 @@ def size(question: Question) -> Show:
     # wrong tolerances are refused before the work
     allowed, spreads = tolerances_of(scene, asked["tolerances"])
     deadline = options.until(options.budget, REPORT_SECONDS)
-    sensitivity, common = asked.pop("sensitivity"), names_in(asked["common"])
+    sensitivity, common = asked.pop("sensitivity"), asked["common"] or []
     # changed cases and the report take the time that the sizing leaves
     share = FIRST if sensitivity else BEFORE_REPORT if options.out is not None else 1.0
     asked |= {"tolerances": allowed, "spreads": spreads, "common": common}
@@ -384,11 +378,11 @@ FIRST, BEFORE_REPORT = 0.5, 0.7
 def perturbations(question: Question) -> None:
     """Find whether a perturbation leads to clatter under a sine.
 
-    --speeds LIST (needed)  Sudden changes of the relative velocity, as 0.1,0.2 (m/s) or 10mm/s.
+    --speeds LIST (list of m/s, needed)  Sudden changes of the relative velocity, as 0.1,0.2 (m/s)
+        or 10mm/s.
     --paths (int) = 64  Number of paths for each perturbation.
     --duration (time)  Time for which paths are watched after it [1000 periods].
     """
-    question.asked["speeds"] = numbers("--speeds", question.asked["speeds"], "m/s")
 
 
 # ------------------------------------------------------------------------------
@@ -402,11 +396,9 @@ def replay(question: Question) -> Show:
 
     Example: stochvi replay box.toml --clearances 4mm,5mm,6mm --out out
 
-    --clearances LIST  Clearances: distances of the stops from the static equilibrium, 2mm,3mm (or
-        in m) [the stops of the scene].
+    --clearances LIST (lengths)  Clearances: distances of the stops from the static equilibrium,
+        2mm,3mm (or in m) [the stops of the scene].
     """
-    if question.asked["clearances"] is not None:
-        question.asked["clearances"] = lengths("--clearances", question.asked["clearances"])
 
     def show(found: Replay) -> None:
         from stochvi.isolators.record_verdict import record_verdict
@@ -437,11 +429,13 @@ def absorber(question: Question) -> Show:
     found. With --sine the amplitude with the absorber is shown over frequency, or over play and
     mass at the frequency of the scene.
 
-    --levels LIST = -6,-3,0,3,6  Levels of the excitation, dB relative to that of the scene.
+    --levels LIST (list of dB) = -6,-3,0,3,6  Levels of the excitation, dB relative to that of the
+        scene.
     --mass-budget KG (float)  Mass for which the best box is designed, instead of judging that of
         the scene.
-    --restitutions LIST = 0.3,0.5,0.7  Restitutions of the stops that a design may choose from.
-    --masses LIST = 1  Numbers of equal masses that a design may choose from.
+    --restitutions LIST (list) = 0.3,0.5,0.7  Restitutions of the stops that a design may choose
+        from.
+    --masses LIST (list) = 1  Numbers of equal masses that a design may choose from.
     --sine  Find the exact regimes under the sine of the scene instead.
     --from F as start (frequency)  With --sine: lowest frequency, Hz.
     --to F as end (frequency)  With --sine: highest frequency, Hz.
@@ -464,12 +458,10 @@ def absorber(question: Question) -> Show:
         question.asks("absorbers:absorber_sine", "", over)
         question.shares = "budget"
     elif mass is None:
-        levels = numbers("--levels", asked["levels"], "dB")
-        question.asks(question.of, "absorber", kept | {"levels_db": levels})
+        question.asks(question.of, "absorber", kept | {"levels_db": asked["levels"]})
     else:
-        restitutions = numbers("--restitutions", asked["restitutions"])
-        units = [round(n) for n in numbers("--masses", asked["masses"])]
-        kept |= {"mass_budget": mass, "restitutions": restitutions, "units": units}
+        kept |= {"mass_budget": mass, "restitutions": asked["restitutions"]}
+        kept |= {"units": [round(number) for number in asked["masses"]]}
         question.asks("absorbers.design:design_absorber", "absorber", kept)
 
     def show(found: Any) -> None:

@@ -13,10 +13,7 @@ from stochvi.cli.declared import Question, Show, declare
 from stochvi.cli.options import (
     BUDGET,
     WITHOUT_BUDGET,
-    acceleration,
     band,
-    barriers,
-    numbers,
     tolerances_of,
 )
 from stochvi.cli.program import executor_at
@@ -117,20 +114,19 @@ def fokker_planck(question: Question) -> Show:
 def first_passage(question: Question) -> Show:
     """Find P(first impact or passage before t), and its rate.
 
-    --barrier B|LO,HI  Barrier, m from the unloaded spring; leave LO or HI empty for none. Default:
-        the stops.
-    --times LIST  Times that are listed, as 10,20 (s) or 1min.
+    --barrier B|LO,HI (barriers)  Barrier, m from the unloaded spring; leave LO or HI empty for
+        none. Default: the stops.
+    --times LIST (list of s)  Times that are listed, as 10,20 (s) or 1min.
     --mission TIME (time)  Duration, and parts of it, instead of times.
     --start rest|stationary = rest  Start at rest, or in the stationary motion without barriers.
     --rtol (float) = 0.0001  Relative error.
     """
     asked = question.asked
-    mission, times = asked.pop("mission"), asked["times"]
-    if (times is None) == (mission is None):
+    mission = asked.pop("mission")
+    if (asked["times"] is None) == (mission is None):
         raise ValueError("needs exactly one of --times and --mission; give one")
-    parts = [part * mission for part in MISSION_PARTS] if times is None else []
-    asked["times"] = parts or numbers("--times", times, "s")
-    asked["lower"], asked["upper"] = barriers(asked.pop("barrier"))
+    asked["times"] = asked["times"] or [part * mission for part in MISSION_PARTS]
+    asked["lower"], asked["upper"] = asked.pop("barrier") or (None, None)
 
     def show(found: Any) -> None:
         def picture() -> Axes:
@@ -273,7 +269,7 @@ def damage(question: Question) -> None:
     --at NAME  Coordinate or named point on which it stands; default: the first coordinate.
     --way simulation|clusters|record  Simulate everything, or clusters of impacts alone; by default
         where they are rare. record: follow a measured record itself, with its potholes.
-    --levels LIST  Count contacts above these accelerations, m/s^2 or as 10g,20g.
+    --levels LIST (list of m/s^2)  Count contacts above these accelerations, m/s^2 or as 10g,20g.
     --rel-error (float) = 0.2  Median relative standard error of the damage.
     --test-duration TIME (time)  Duration of a random test that does the same damage; --out gets its
         profile.csv.
@@ -284,8 +280,7 @@ def damage(question: Question) -> None:
 
     asked = question.asked
     asked["mission"] = asked["mission"] or phase_duration(question.file)
-    levels = asked["levels"]
-    asked["levels"] = () if levels is None else numbers("--levels", levels, "m/s^2")
+    asked["levels"] = asked["levels"] or ()
     asked["equipment"] = band("--equipment", asked["equipment"])
     question.judged = asked["way"] != "record"
 
@@ -335,11 +330,11 @@ def reliability(question: Question) -> Show:
 
     --mission TIME (time)  Duration: 600 (s) or 10h [of a phase its own]; left out where the scene
         has phases.
-    --barrier B|LO,HI  Without stops: barrier from the unloaded spring, 0.004 (m) or 4mm; LO, HI may
-        be empty.
+    --barrier B|LO,HI (barriers)  Without stops: barrier from the unloaded spring, 0.004 (m) or 4mm;
+        LO, HI may be empty.
     --impact-speed M/S (speed)  Largest allowed impact speed.
-    --peak-acceleration A|Ag  Largest allowed acceleration in a contact with compliant stops, m/s^2
-        or g (80g).
+    --peak-acceleration A|Ag (acceleration)  Largest allowed acceleration in a contact with
+        compliant stops, m/s^2 or g (80g).
     --at NAME  Coordinate or named point of that acceleration; default: all of them.
     --pair NAME  Count impacts on this pair alone.
     --start rest|stationary = stationary  Start at rest, or in the stationary motion.
@@ -357,14 +352,14 @@ def reliability(question: Question) -> Show:
 
     asked, options, scene = question.asked, question.options, question.scene
     asked["mission"] = asked["mission"] or phase_duration(question.file)
-    tolerances, barrier = asked.pop("tolerances"), asked["barrier"]
+    tolerances = asked.pop("tolerances")
     allowed, spreads = tolerances_of(scene, tolerances)
     if tolerances is not None and not spreads:
         raise ValueError(
             "--tolerances must hold a distribution between units, as frequency=normal:3%, got "
             f"{tolerances}; limits are for size"
         )
-    alone = barrier is not None or asked["start"] == "rest" or bool(scene.phases)
+    alone = asked["barrier"] is not None or asked["start"] == "rest" or bool(scene.phases)
     if alone and tolerances is None:
         spreads = {}  # what the scene states is then at its mean, as the answer says
     if spreads and alone and not scene.phases:
@@ -376,8 +371,6 @@ def reliability(question: Question) -> Show:
         raise NotApplicable("production", conditions)
     deadline = options.until(options.budget)
     asked |= {
-        "barrier": None if barrier is None else barriers(barrier),
-        "peak_acceleration": acceleration(asked["peak_acceleration"]),
         "way": asked["way"] and asked["way"].replace("-", " "),
         "budget": deadline.part(0.5 if spreads else 1.0),
     }

@@ -333,12 +333,63 @@ def _formats(text: str) -> frozenset[str]:
     return found
 
 
+def listed(unit: str = "") -> Words:
+    """Numbers with commas between them, in a unit, which each may bear: "2m/s"."""
+
+    def read(text: str) -> list[float]:
+        from stochvi.mathematics.units import measured_in
+
+        try:
+            return [measured_in(word, unit) for word in text.split(",")]
+        except ValueError:
+            own = f"; each is in {unit}, or bears its unit" if unit else ""
+            raise ValueError(f"must be numbers with commas, got {text!r}{own}") from None
+
+    return Words(f"list of {unit}", read)
+
+
+def _lengths(text: str, plain: float = 1.0) -> list[float]:
+    """Lengths in m with commas between them: "4mm" with its unit, a plain number times `plain`."""
+    from stochvi.mathematics.units import measured
+
+    return [measured(word, "length", plain) for word in text.split(",")]
+
+
+def _multiples(text: str) -> Callable[[float], list[float]]:
+    """Lengths by the length that a plain number is a multiple of."""
+    _lengths(text)  # refused here, where the option is known
+    return functools.partial(_lengths, text)
+
+
+def _barriers(text: str) -> tuple[float | None, float | None]:
+    """Lower and upper barrier in m from "3" or "3mm", on both sides, or from "LO,HI"."""
+    words = [word.strip() for word in text.split(",")]
+    if len(words) == 1 and words[0]:
+        (either,) = _lengths(words[0])
+        if not either > 0.0:
+            raise ValueError(f"must be positive, or LO,HI, got {text!r}")
+        return -either, either
+    if len(words) != 2 or not any(words):
+        raise ValueError(f"must be B, or LO,HI with at least one of them, got {text!r}")
+    lower, upper = (_lengths(word)[0] if word else None for word in words)
+    return lower, upper
+
+
+def _names(text: str) -> list[str]:
+    """Names that are separated by commas."""
+    return [name.strip() for name in text.split(",")]
+
+
 TIME, SPEED = quantity("time"), quantity("speed")
 CHANCE, RATE = Words("chance", _chance), Words("rate", _rate)
 
 KINDS = {
     "int": int, "float": float, "time": TIME, "speed": SPEED, "probability": CHANCE, "rate": RATE,
     "frequency": quantity("frequency"), "force": quantity("force"), "length": quantity("length"),
+    "acceleration": quantity("acceleration"), "lengths": Words("lengths", _lengths),
+    "multiples": Words("multiples", _multiples), "barriers": Words("barriers", _barriers),
+    "names": Words("names", _names), "list": listed(),
+    **{f"list of {unit}": listed(unit) for unit in ("s", "m/s", "m/s^2", "dB")},
     "units": Words("units", _units), "formats": Words("formats", _formats),
     "folder": Folder(path_type=Path), "path": click.Path(path_type=Path),
 }  # fmt: skip
@@ -622,17 +673,6 @@ class Varied:
         return {"vary": self.values(scene)}
 
 
-def numbers(option: str, text: str, unit: str = "") -> list[float]:
-    """A list of numbers with commas between them, in a unit, which each may bear: "2m/s"."""
-    from stochvi.mathematics.units import measured_in
-
-    try:
-        return [measured_in(word, unit) for word in text.split(",")]
-    except ValueError:
-        own = f"; each is in {unit}, or bears its unit" if unit else ""
-        raise ValueError(f"{option} must be numbers with commas, got {text!r}{own}") from None
-
-
 def band(option: str, text: str) -> tuple[float, float] | Vector:
     """Two ends of a band of frequencies, Hz, from "20:2000"; or with a number of frequencies, as
     "20:2000:60", an array of all of them, evenly spaced in logarithms."""
@@ -654,41 +694,6 @@ def band(option: str, text: str) -> tuple[float, float] | Vector:
         ) from None
     check_size(option, number, MOST_SPACED, "ask for fewer")
     return np.geomspace(ends[0], ends[1], number) if len(words) == 3 else (ends[0], ends[1])
-
-
-def acceleration(text: str | None) -> float | None:
-    """An acceleration in m/s^2, from "150" (m/s^2), "15.3g" or another unit."""
-    return None if text is None else _measured("--peak-acceleration", text, "acceleration")
-
-
-def lengths(option: str, text: str, plain: float = 1.0) -> list[float]:
-    """Lengths in m with commas between them: "4mm" with its unit, a plain number times `plain`."""
-    return [_measured(option, word, "length", plain) for word in text.split(",")]
-
-
-def _measured(option: str, text: str, quantity: str, plain: float = 1.0) -> float:
-    from stochvi.mathematics.units import measured
-
-    try:
-        return measured(text, quantity, plain)
-    except ValueError as error:
-        raise ValueError(f"{option} {error}") from None
-
-
-def barriers(text: str | None) -> tuple[float | None, float | None]:
-    """Lower and upper barrier in m from "3" or "3mm", on both sides, or from "LO,HI"."""
-    if text is None:
-        return None, None
-    words = [word.strip() for word in text.split(",")]
-    if len(words) == 1 and words[0]:
-        (either,) = lengths("--barrier", words[0])
-        if not either > 0.0:
-            raise ValueError(f"--barrier must be positive, or LO,HI, got {text!r}")
-        return -either, either
-    if len(words) != 2 or not any(words):
-        raise ValueError(f"--barrier must be B, or LO,HI with at least one of them, got {text!r}")
-    lower, upper = (lengths("--barrier", word)[0] if word else None for word in words)
-    return lower, upper
 
 
 # ------------------------------------------------------------------------------

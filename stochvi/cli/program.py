@@ -188,16 +188,23 @@ UNDER_SINE = ("basins", "bifurcation", "lifetimes", "perturbations", "jolts", "s
 class Command(click.Command):
     """A command that refuses an option with one value that is given twice; click keeps the last."""
 
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        *_, given = self.make_parser(ctx).parse_args(args=[*args])
-        for each in given:
-            once = isinstance(each, click.Option) and not (each.multiple or each.is_flag)
-            if once and (times := given.count(each)) > 1:
-                own = each.opts[0]
-                listed = f"join its values by commas, as {own} A,B"
-                remedy = listed if each.metavar == "LIST" else "keep one"
-                raise ValueError(f"{own} must be given once, got it {times} times; {remedy}")
-        return super().parse_args(ctx, args)
+    def make_parser(self, ctx: click.Context) -> Any:
+        parser: Any = super().make_parser(ctx)
+        read = parser.parse_args
+
+        def once(args: list[str]) -> Any:
+            *found, given = read(args=args)
+            for each in given:
+                single = isinstance(each, click.Option) and not (each.multiple or each.is_flag)
+                if single and (times := given.count(each)) > 1:
+                    own = each.opts[0]
+                    listed = f"join its values by commas, as {own} A,B"
+                    remedy = listed if each.metavar == "LIST" else "keep one"
+                    raise ValueError(f"{own} must be given once, got it {times} times; {remedy}")
+            return *found, given
+
+        parser.parse_args = once
+        return parser
 
 
 class Commands(click.Group):

@@ -12,7 +12,6 @@ from stochvi.cli.declared import Question, command, declare
 from stochvi.cli.options import (
     Common,
     Varied,
-    acceleration,
     fail_unless_gaussian,
     judged_phase,
 )
@@ -176,7 +175,7 @@ def sweep(
     --probability P (probability)  size: probability of any impact, 0.01 or 1%.
     --rate F (rate)  size: impacts on all stops, 2 (1/s), 0.1/h.
     --impact-speed V (speed)  size, reliability: limit, m/s.
-    --peak-acceleration A[g]  size, reliability: limit, m/s^2 or g (40g).
+    --peak-acceleration A[g] (acceleration)  size, reliability: limit, m/s^2 or g (40g).
     --exceedance P (probability)  size: probability of exceeding the limit [0.01].
     --mission TIME (time)  size [1h], reliability: 3600 (s), 10h.
     --rel-error (float)  Relative standard error: of means [0.01], of the risk [0.05].
@@ -201,8 +200,6 @@ def sweep(
     ranges = dict(once([values_of(text, document) for text in vary]))
     _check_options(method, given, bool(loaded.phases))
     given.pop("dask", None)
-    if "peak_acceleration" in given:
-        given["peak_acceleration"] = acceleration(given["peak_acceleration"])
     if "budget" in given:
         rows = math.prod(len(values) for values in ranges.values())
         given["budget"] = (options.until(rows * given["budget"]).rest or 0.0) / rows

@@ -3,17 +3,7 @@
 import click
 import pytest
 
-from stochvi.cli.options import (
-    CHANCE,
-    RATE,
-    SPEED,
-    TIME,
-    acceleration,
-    barriers,
-    lengths,
-    numbers,
-    on_page,
-)
+from stochvi.cli.options import CHANCE, KINDS, RATE, SPEED, TIME, listed, on_page
 from support.commands import ISOLATOR, Run, one_document, refused
 
 
@@ -111,28 +101,36 @@ def test_a_mission_in_hours_is_that_in_seconds(stochvi: Run) -> None:
     assert estimate == in_seconds["chances"]["hit"]["estimate"] and 0.0 < estimate["value"] < 1.0
 
 
+def read(kind: str, text: str):
+    """A text as an option of this kind reads it."""
+    return KINDS[kind].convert(text, click.Option(["--option"]), None)
+
+
 def test_lengths_speeds_and_accelerations() -> None:
-    assert lengths("--gaps", "1mm, 2 mm,0.3 cm,4", plain=0.5) == pytest.approx(
-        [1e-3, 2e-3, 3e-3, 2.0], rel=1e-15
-    )
-    assert barriers("4mm") == (-4e-3, 4e-3) and barriers("-0.003,") == (-3e-3, None)
+    metres = pytest.approx([1e-3, 2e-3, 3e-3, 2.0], rel=1e-15)
+    assert read("multiples", "1mm, 2 mm,0.3 cm,4")(0.5) == metres
+    assert read("lengths", "1mm, 2 mm,0.3 cm,2") == metres
+    assert read("barriers", "4mm") == (-4e-3, 4e-3)
+    assert read("barriers", "-0.003,") == (-3e-3, None)
     assert SPEED.convert("50 cm/s", None, None) == 0.5
-    assert numbers("--speeds", "0.1, 50 mm/s", "m/s") == [0.1, 0.05]
-    assert numbers("--levels", "-3dB,0,3 dB", "dB") == [-3.0, 0.0, 3.0]
-    assert acceleration("40g") == acceleration("40 G") == pytest.approx(40.0 * 9.80665)
-    assert acceleration("150") == acceleration("150 m/s^2") == 150.0 and acceleration(None) is None
+    assert read("list of m/s", "0.1, 50 mm/s") == [0.1, 0.05]
+    assert read("list of dB", "-3dB,0,3 dB") == [-3.0, 0.0, 3.0]
+    assert read("acceleration", "40g") == read("acceleration", "40 G")
+    assert read("acceleration", "40g") == pytest.approx(40.0 * 9.80665)
+    assert read("acceleration", "150") == read("acceleration", "150 m/s^2") == 150.0
+    assert read("names", "left, right") == ["left", "right"]
 
 
 @pytest.mark.parametrize(
-    "wrong", [lambda: lengths("--gaps", "1mm,2s"), lambda: acceleration("40 m"),
-              lambda: barriers("4kg"), lambda: lengths("--gaps", "1mm,")],
+    ("kind", "text"), [("lengths", "1mm,2s"), ("acceleration", "40 m"), ("barriers", "4kg"),
+                       ("multiples", "1mm,")],
 )  # fmt: skip
-def test_a_unit_of_another_quantity_is_refused(wrong) -> None:
-    with pytest.raises(ValueError, match=r"^--\S+ must be a number with a unit of"):
-        wrong()
+def test_a_unit_of_another_quantity_is_refused(kind: str, text: str) -> None:
+    with pytest.raises(ValueError, match=r"^--option must be a number with a unit of"):
+        read(kind, text)
 
 
 @pytest.mark.parametrize(("text", "unit"), [("1mm", "m/s"), ("3 Hz", "dB"), ("0.5m", "")])
 def test_a_list_refuses_a_unit_of_another_quantity(text: str, unit: str) -> None:
-    with pytest.raises(ValueError, match=r"^--list must be numbers with commas"):
-        numbers("--list", f"1,{text}", unit)
+    with pytest.raises(ValueError, match=r"^--option must be numbers with commas"):
+        listed(unit).convert(f"1,{text}", click.Option(["--option"]), None)
