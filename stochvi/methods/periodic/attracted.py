@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stochvi.mathematics.numerics import Matrix, Vector, Whole
 from stochvi.methods.periodic.branches import Finder
-from stochvi.methods.periodic.contact_branches import ContactFinder, finder_of
+from stochvi.methods.periodic.contact_branches import FOLLOWED_AT_ONCE, ContactFinder, finder_of
 from stochvi.methods.periodic.continuation import ROUNDING, SETTLING, Track, simulate
 from stochvi.methods.periodic.family import Family, States, unmet
 from stochvi.methods.periodic.kernels import flights, solver
@@ -1331,18 +1331,17 @@ def _watched(
     if not isinstance(finder, ContactFinder):
         course = flights.course_of(finder.motion(sigma), 0.0, 2.0 * math.pi)
         return watch(course, state, skipped, periods, most)
-    perturbation = unit_perturbation(len(state))[:, 0]
+    perturbation = unit_perturbation(len(state))
     ends, growth = np.empty((periods, len(state))), np.empty(periods)
-    impacts, leap = [np.empty((0, 3))], finder.followed_at_once
+    impacts, leap = [np.empty((0, 3))], FOLLOWED_AT_ONCE
     leaps = [leap] * (skipped // leap) + ([skipped % leap] if skipped % leap else [])
     for period, flown in enumerate(leaps + [1] * periods, start=-len(leaps)):
-        found = finder.perturbed(sigma, state, flown, perturbation)
-        if found is None:
+        motion = finder.perturbed(sigma, state, flown, perturbation)
+        if motion is None:
             return None
-        motion, perturbation = found
         state[:] = motion.ends[-1]
-        size = float(np.linalg.norm(perturbation))
-        perturbation = perturbation / size
+        size = float(np.linalg.norm(motion.factors))
+        perturbation = motion.factors / size
         if period >= 0:
             ends[period], growth[period] = state, math.log(size)
             impacts.append(motion.log[:, :3] + [2.0 * math.pi * period, 0.0, 0.0])

@@ -1,4 +1,4 @@
-"""Branches of periodic motions by shooting. Chapters: compliant stops; springs and dampers that are
+"""Branches of periodic motions by shooting, where stops are compliant, or springs and dampers are
 functions."""
 
 from __future__ import annotations
@@ -28,27 +28,33 @@ from stochvi.methods.periodic.continuation import (
     unstruck,
 )
 from stochvi.methods.periodic.family import Family
-from stochvi.methods.periodic.kernels import contact_flow, function_flow, solver
+from stochvi.methods.periodic.kernels import flow, solver
 from stochvi.results.deadline import NEVER, Deadline
 
 # ------------------------------------------------------------------------------
-# Branches of periodic regimes where stops are compliant: by shooting from the phase 0 of the force.
+# Branches of periodic regimes by shooting from the phase 0 of the force.
 #
 # A regime is a state z that the flow F over its periods takes back to itself, F(z, sigma) = z. Its
-# Jacobian, which the flow gives exactly, holds the factors of small perturbations; branches are
-# followed by length of arc in (z, sigma). Where a contact appears or vanishes the motion does not
-# change at once: a branch is cut there into branches of one order of contacts each.
+# Jacobian, which the flow gives, holds the factors of small perturbations; branches are followed by
+# length of arc in (z, sigma). Where a contact appears or vanishes the motion does not change at
+# once: a branch is cut there into branches of one order of contacts each. A state holds the
+# memories of hysteresis after displacements and velocities.
 # ------------------------------------------------------------------------------
-
-CONVERGED = 1e-11
-"""Change of a state, in the units of the kernels, at which Newton's iteration has converged."""
 
 MOST_ITERATIONS = 12
 """Largest number of Newton steps."""
 
-RANDOM_STARTS = 12
+RANDOM_STARTS, FEW_STARTS = 12, 4
 """Number of states, for each number of periods, from which Newton's iteration is started at a
-value; they are normal, of the size of the motions that simulations settle to."""
+value; they are normal, of the size of the motions that simulations settle to. With functions
+fewer are started at each of many places: altogether they are more, and all differ."""
+
+SPEEDS = 1.0, 3.0, 10.0
+"""Speeds from which simulations start: lengths of the kernels times the frequency of the force."""
+
+FOLLOWED_AT_ONCE = 64
+"""Largest number of periods over which a perturbation is followed at once: it grows by less than
+the range of floating-point numbers."""
 
 REACH = 10.0
 """Size of a state at which a Newton iteration from a random start is given up. Its unit is the
@@ -119,23 +125,50 @@ class ContactMotion(NamedTuple):
     amplitude: float
 
 
+class Precision(NamedTuple):
+    """Numbers that depend on how exact the flow is, and on its price.
+
+    Parameters
+    ----------
+    starts
+        Number of random starts of simulations.
+    converged
+        Change of a state, in the units of the kernels, at which Newton's iteration has converged.
+    change
+        Change of the place of the range, in units of the range, over which the flow is differenced.
+        In chaos its slopes may change by a hundredth of themselves within 1e-6.
+    stable
+        As of `Finder`.
+    """
+
+    starts: int
+    converged: float
+    change: float
+    stable: float
+
+
+SERIES = Precision(starts=96, converged=1e-11, change=1e-8, stable=1.0 + 1e-9)
+"""Without functions."""
+
+EXTRAPOLATED = Precision(starts=32, converged=1e-9, change=1e-6, stable=1.0 + 1e-6)
+"""Where springs and dampers are functions."""
+
+
 class ContactFinder(Finder):
-    """Finds the branches of a family with compliant stops."""
+    """Finds the branches of a family with compliant stops, springs and dampers that are
+    functions."""
 
-    random_starts = 96
+    def __init__(
+        self, family: Family, grid: Vector, most_impacts: int, deadline: Deadline = NEVER
+    ) -> None:
+        super().__init__(family, grid, most_impacts, deadline)
+        self.precision = EXTRAPOLATED if family.functions.parts else SERIES
+        self.random_starts, self.stable = self.precision.starts, self.precision.stable
+        self._system: tuple[float, flow.System] | None = None
 
-    converged = CONVERGED
-
-    change = 1e-8
-    """Change of the place of the range, in units of the range, over which the flow is differenced.
-    In chaos its slopes may change by a hundredth of themselves within 1e-6."""
-
-    kept = 0.0
-    """Changes below such a share of the one before let Newton's iteration keep its slopes."""
-
-    followed_at_once = 64
-    """Largest number of periods over which a perturbation is followed at once: it grows by less
-    than the range of floating-point numbers."""
+    @property
+    def size(self) -> int:
+        return super().size + self.family.functions.remembering
 
     @cached_property
     def _known_images(self) -> dict[Track, Matrix]:
@@ -155,6 +188,8 @@ class ContactFinder(Finder):
 
     def places(self) -> list[float]:
         """The places of the range at which regimes are looked for."""
+        if self.family.functions.parts:
+            return self.seeds
         free = Finder(self.family, self.grid, 1, self.deadline)
         free.tracks = free.without_impacts()
         return free.seeds
@@ -168,30 +203,39 @@ class ContactFinder(Finder):
 
     # One motion
 
+    def system(self, sigma: float) -> flow.System:
+        """The scene at a place of the range."""
+        if self._system is None or self._system[0] != sigma:
+            family = self.family
+            found = flow.System(
+                self.motion(sigma), family.laws_at(sigma), family.functions.at(sigma)
+            )
+            self._system = sigma, found
+        return self._system[1]
+
     def flown(
         self, sigma: float, state: Vector, periods: int, phase: float = 0.0, *, factors: bool = True
     ) -> ContactMotion | None:
         """A motion over some periods; None where contacts come too fast to be followed."""
-        n = self.family.sizes[0]
-        ends, log = np.empty((periods + 1, 2 * n)), np.zeros((MOST_KEPT, 3 + 2 * n))
-        grown = np.empty((2 * n, 2 * n) if factors else (0, 0))
-        hits, *sizes = contact_flow.flow(
-            self.motion(sigma), self.family.laws_at(sigma), np.ascontiguousarray(state), phase,
-            contact_flow.Record(ends, log, grown),
-        )  # fmt: skip
+        return self.perturbed(
+            sigma, state, periods, np.eye(self.size, self.size if factors else 0), phase
+        )
+
+    def perturbed(
+        self, sigma: float, state: Vector, periods: int, perturbations: Matrix, phase: float = 0.0
+    ) -> ContactMotion | None:
+        """As `flown`; the factors are what becomes of small perturbations (size, number) of its
+        start, over at most FOLLOWED_AT_ONCE periods."""
+        ends, log = np.empty((periods + 1, self.size)), np.zeros((MOST_KEPT, 3 + self.size))
+        grown = perturbations.copy()
+        hits, *sizes = flow.flow(
+            self.system(sigma), np.ascontiguousarray(state), phase, flow.Record(ends, log, grown)
+        )
         if hits < 0 or not np.all(np.isfinite(ends)):
             return None
         kept = log[: min(hits, MOST_KEPT)]
         kept = kept[np.argsort(kept[:, 0], kind="stable")]
         return ContactMotion(ends, grown, kept, *sizes)
-
-    def perturbed(
-        self, sigma: float, state: Vector, periods: int, perturbation: Vector
-    ) -> tuple[ContactMotion, Vector] | None:
-        """A motion over some periods, at most `followed_at_once`, and what becomes of a small
-        perturbation of its start; None where contacts come too fast to be followed."""
-        motion = self.flown(sigma, state, periods)
-        return None if motion is None else (motion, motion.factors @ perturbation)
 
     def simulate(
         self, sigma: float, state: Vector, phase: float = 0.0, periods: int = LOOKED_AT
@@ -267,8 +311,36 @@ class ContactFinder(Finder):
     def newton_starts(self, sigma: float) -> Matrix:
         """States from which Newton's iteration is started at a place, for each number of periods,
         in units of the motions there: (numbers of periods, states, size)."""
-        random = np.random.default_rng(0)
-        return random.normal(size=(len(SUBHARMONICS), RANDOM_STARTS, self.size))
+        seed, count = 0, RANDOM_STARTS
+        if self.family.functions.parts:
+            # a start costs more than with linear springs
+            seed = self.seeds.index(sigma)
+            count = max(FEW_STARTS, RANDOM_STARTS // len(self.seeds))
+        return np.random.default_rng(seed).normal(size=(len(SUBHARMONICS), count, self.size))
+
+    def starts(self) -> Matrix:
+        """As for rigid stops, and speeds of the first function: without stops, too, there are large
+        motions beside small ones."""
+        found, n = list(super().starts()), self.family.sizes[0]
+        omega, functions = self.motion(0.5).omega, self.system(0.5).functions
+        for speed in SPEEDS if self.family.functions.parts else ():
+            state = np.zeros(self.size)
+            row = functions.calls.rows[0] / functions.widths[0]
+            state[n : 2 * n] = speed * omega * row
+            found.append(state)
+        return np.array(found)
+
+    def at_rest(self, sigma: float) -> Vector:
+        return np.append(super().at_rest(sigma), self._unloaded)
+
+    def _random_start(self, sigma: float, random: np.random.Generator) -> Vector:
+        start = super()._random_start(sigma, random)
+        return np.append(start, random.uniform(-1.0, 1.0, len(self._unloaded)))
+
+    @property
+    def _unloaded(self) -> Vector:
+        """The memories of hysteresis before any motion."""
+        return np.zeros(self.family.functions.remembering)
 
     def _on_edge(self, one: Orbit, other: Orbit) -> Orbit | None:
         """The unstable regime that parts the starts of two stable ones: a start between them that
@@ -290,7 +362,9 @@ class ContactFinder(Finder):
     def _still(self, sigma: float) -> Vector | None:
         """The motion without contacts at the phase 0; None where there is none."""
         state = unstruck(self.motion(sigma))
-        return state if state is not None and np.all(np.abs(state) < 1e6) else None
+        if state is None or not np.all(np.abs(state) < 1e6):
+            return None
+        return np.append(state, self._unloaded)
 
     def _settled_orbit(self, settled: FinalMotion, sigma: float) -> Orbit | None:
         """The lasting regime to which a simulation has settled; None where it has not. In chaos
@@ -309,16 +383,18 @@ class ContactFinder(Finder):
         within a reach."""
         ends = np.empty((0, len(start)))
 
-        def equations(state: Vector, slopes: bool) -> Linearised | None:
+        def equations(state: Vector) -> Linearised | None:
             nonlocal ends
-            motion = self.flown(sigma, state, periods, factors=slopes)
+            motion = self.flown(sigma, state, periods)
             if motion is None:
                 return None
             ends = motion.ends
-            matrix = motion.factors - np.eye(len(state)) if slopes else None
-            return Linearised(ends[-1] - state, matrix)
+            return Linearised(ends[-1] - state, motion.factors - np.eye(len(state)))
 
-        found = _root(equations, start, self, lambda state: bool(np.abs(state).max() < reach))
+        found = _root(
+            equations, start, self.precision.converged,
+            lambda state: bool(np.abs(state).max() < reach),
+        )  # fmt: skip
         if found is None:
             return None
         state = found.place
@@ -449,22 +525,20 @@ class Shooting:
 
     def corrected(self, u: Vector, normal: Vector) -> continuation.BranchPlace | None:
         """The regime on the plane through u with a normal; None where Newton's iteration fails."""
-        finder = self.finder
+        finder, change = self.finder, self.finder.precision.change
 
-        def equations(at: Vector, slopes: bool) -> Linearised | None:
-            motion = finder.flown(at[-1] / solver.WEIGHT, at[:-1], self.periods, factors=slopes)
+        def equations(at: Vector) -> Linearised | None:
+            motion = finder.at_point(at, self.periods)
             if motion is None:
                 return None
             left = np.append(motion.ends[-1] - at[:-1], normal @ (at - u))
-            if not slopes:
-                return Linearised(left, None)
             sides = [
-                finder.at_point(_moved(at, side * finder.change), self.periods, factors=False)
+                finder.at_point(_moved(at, side * change), self.periods, factors=False)
                 for side in (-1, 1)
             ]
             if sides[0] is None or sides[1] is None:
                 return None
-            slope = (sides[1].ends[-1] - sides[0].ends[-1]) / (2.0 * finder.change * solver.WEIGHT)
+            slope = (sides[1].ends[-1] - sides[0].ends[-1]) / (2.0 * change * solver.WEIGHT)
             matrix = [np.column_stack([motion.factors - np.eye(len(slope)), slope]), normal]
             return Linearised(left, np.vstack(matrix))
 
@@ -472,7 +546,7 @@ class Shooting:
             inside = -BEYOND < at[-1] / solver.WEIGHT < 1.0 + BEYOND
             return inside and bool(np.abs(at - u).max() < FARTHEST)
 
-        found = _root(equations, u, finder, possible)
+        found = _root(equations, u, finder.precision.converged, possible)
         if found is None:
             return None
         tangent = _solved(found.slopes, np.append(np.zeros(len(u) - 1), 1.0))
@@ -549,10 +623,10 @@ def _moved(u: Vector, change: float) -> Vector:
 
 
 class Linearised(NamedTuple):
-    """What is left of equations at a place, and its slopes; None where they were not asked for."""
+    """What is left of equations at a place, and its slopes."""
 
     left: Vector
-    slopes: Matrix | None
+    slopes: Matrix
 
 
 class Root(NamedTuple):
@@ -563,33 +637,20 @@ class Root(NamedTuple):
 
 
 def _root(
-    equations: Callable[[Vector, bool], Linearised | None], start: Vector, finder: ContactFinder,
+    equations: Callable[[Vector], Linearised | None], start: Vector, converged: float,
     possible: Callable[[Vector], bool],
 ) -> Root | None:  # fmt: skip
-    """The place that Newton's iteration ends at; None where it fails, or leaves the possible ones.
-
-    Slopes that are differences cost many motions. As long as each change is far smaller than the
-    one before, they are only corrected by what the last one has shown (C. G. Broyden, Math. Comp.
-    19 (1965) 577).
-    """
-    at, change, slopes = start.copy(), np.full(len(start), np.inf), np.empty((0, 0))
-    before = float(np.abs(start).max())
+    """The place that Newton's iteration ends at; None where it fails, or leaves the possible
+    ones."""
+    at = start
     for _ in range(MOST_ITERATIONS):
-        size = float(np.abs(change).max())
-        found = equations(at, not size < finder.kept * before)
-        if found is None:
+        found = equations(at)
+        change = None if found is None else _solved(found.slopes, -found.left)
+        if found is None or change is None or not possible(at + change):
             return None
-        if found.slopes is None:
-            slopes = slopes + np.outer(found.left, change) / (change @ change)
-        else:
-            slopes = found.slopes
-        solution = _solved(slopes, -found.left)
-        if solution is None or not possible(at + solution):
-            return None
-        before, change = min(before, size), solution
         at = at + change
-        if np.abs(change).max() < finder.converged * (1.0 + np.abs(at).max()):
-            return Root(at, slopes)
+        if np.abs(change).max() < converged * (1.0 + np.abs(at).max()):
+            return Root(at, found.slopes)
     return None
 
 
@@ -602,164 +663,9 @@ def _solved(matrix: Matrix, right: Vector) -> Vector | None:
     return np.asarray(found) if np.all(np.isfinite(found)) else None
 
 
-# ------------------------------------------------------------------------------
-# Branches of periodic regimes where springs and dampers are functions.
-# ------------------------------------------------------------------------------
-
-
-CHANGE = 1e-5
-"""Change of a state, in the units of the kernels, over which the flow is differenced."""
-
-FEW_STARTS = 4
-"""As `RANDOM_STARTS`, at each of many places: altogether they are more, and all differ."""
-
-SPEEDS = 1.0, 3.0, 10.0
-"""Speeds from which simulations start: lengths of the kernels times the frequency of the force."""
-
-
-class FunctionFinder(ContactFinder):
-    """Finds the branches of a family whose springs and dampers are functions.
-
-    A state holds the memories of hysteresis after displacements and velocities. Factors of small
-    perturbations are differences of the flow.
-    """
-
-    random_starts = 32
-    converged = 1e-9
-    change = 1e-6
-    kept = 0.1
-    stable = 1.0 + 1e-6
-
-    followed_at_once = 1
-    """A perturbation that is differenced has to stay small."""
-
-    @property
-    def size(self) -> int:
-        assert self.family.functions is not None
-        return super().size + self.family.functions.remembering
-
-    def places(self) -> list[float]:
-        return self.seeds
-
-    def flown(
-        self, sigma: float, state: Vector, periods: int, phase: float = 0.0, *, factors: bool = True
-    ) -> ContactMotion | None:
-        system = self.system(sigma)
-        motion = self._flown(system, state, periods, phase)
-        if motion is None or not factors:
-            return motion
-        moved = [
-            self._flown(system, state + way, periods, phase, measured=False)
-            for way in CHANGE * np.eye(self.size)
-        ]
-        ends = [each.ends[-1] for each in moved if each is not None]
-        if len(ends) < len(moved):
-            return None
-        return motion._replace(factors=(np.array(ends) - motion.ends[-1]).T / CHANGE)
-
-    def at_point(self, u: Vector, periods: int, *, factors: bool = True) -> ContactMotion | None:
-        """As for stops; factors are differences on both sides where both can be followed, those of
-        Newton's iteration on one."""
-        sigma, state = u[-1] / solver.WEIGHT, u[:-1]
-        motion = self.flown(sigma, state, periods, factors=False)
-        if motion is None or not factors:
-            return motion
-        system = self.system(sigma)
-        grown = [self._grown(system, state, periods, 0.0, way) for way in np.eye(self.size)]
-        known = [each for each in grown if each is not None]
-        if len(known) < self.size:
-            return self.flown(sigma, state, periods)
-        return motion._replace(factors=np.array(known).T)
-
-    def _grown(
-        self, system: function_flow.System, state: Vector, periods: int, phase: float, way: Vector
-    ) -> Vector | None:
-        """Growth of a small perturbation in a direction, by differences."""
-        low, high = (
-            self._flown(system, state + change * way, periods, phase, measured=False)
-            for change in (-CHANGE, CHANGE)
-        )
-        if low is None or high is None:
-            return None
-        return np.asarray((high.ends[-1] - low.ends[-1]) / (2.0 * CHANGE))
-
-    def perturbed(
-        self, sigma: float, state: Vector, periods: int, perturbation: Vector
-    ) -> tuple[ContactMotion, Vector] | None:
-        system = self.system(sigma)
-        motion = self._flown(system, state, periods, 0.0)
-        grown = self._grown(system, state, periods, 0.0, perturbation)
-        return None if motion is None or grown is None else (motion, grown)
-
-    def _flown(
-        self, system: function_flow.System, state: Vector, periods: int, phase: float,
-        *, measured: bool = True,
-    ) -> ContactMotion | None:  # fmt: skip
-        """A motion, and its output and contacts where they are `measured`."""
-        kept = MOST_KEPT if measured else 0
-        ends, log = np.empty((periods + 1, self.size)), np.zeros((kept, 3 + self.size))
-        none = np.empty((0, 0))
-        hits, *sizes = function_flow.flow(
-            system, np.ascontiguousarray(state), phase, contact_flow.Record(ends, log, none)
-        )
-        if hits < 0 or not np.all(np.isfinite(ends)):
-            return None
-        log = log[: min(hits, kept)]
-        return ContactMotion(ends, none, log[np.argsort(log[:, 0], kind="stable")], *sizes)
-
-    def system(self, sigma: float) -> function_flow.System:
-        """The scene at a place of the range."""
-        if self._system is None or self._system[0] != sigma:
-            assert self.family.functions is not None
-            found = function_flow.System(
-                self.motion(sigma), self.family.laws_at(sigma), self.family.functions.at(sigma)
-            )
-            self._system = sigma, found
-        return self._system[1]
-
-    _system: tuple[float, function_flow.System] | None = None
-
-    def newton_starts(self, sigma: float) -> Matrix:
-        # a start costs more than with linear springs: few, others at each of many places
-        random = np.random.default_rng(self.seeds.index(sigma))
-        count = max(FEW_STARTS, RANDOM_STARTS // len(self.seeds))
-        return random.normal(size=(len(SUBHARMONICS), count, self.size))
-
-    # Starts, with memories
-
-    def starts(self) -> Matrix:
-        """As for stops, and speeds of the first function: without stops, too, there are large
-        motions beside small ones."""
-        found, n = list(super().starts()), self.family.sizes[0]
-        motion, functions = self.motion(0.5), self.system(0.5).functions
-        row = functions.calls.rows[0] / functions.widths[0]
-        for speed in SPEEDS:
-            state = np.zeros(self.size)
-            state[n : 2 * n] = speed * motion.omega * row
-            found.append(state)
-        return np.array(found)
-
-    def at_rest(self, sigma: float) -> Vector:
-        return np.append(super().at_rest(sigma), self._unloaded)
-
-    def _random_start(self, sigma: float, random: np.random.Generator) -> Vector:
-        memories = random.uniform(-1.0, 1.0, len(self._unloaded))
-        return np.append(super()._random_start(sigma, random), memories)
-
-    def _still(self, sigma: float) -> Vector | None:
-        state = super()._still(sigma)
-        return None if state is None else np.append(state, self._unloaded)
-
-    @property
-    def _unloaded(self) -> Vector:
-        return np.zeros(self.size - super().size)
-
-
 def finder_of(
     family: Family, grid: Vector, most_impacts: int, deadline: Deadline = NEVER
 ) -> Finder:
-    """The finder of a family: of functions, of rigid stops, or of some that are compliant."""
-    if family.functions is not None:
-        return FunctionFinder(family, grid, most_impacts, deadline)
-    kind = ContactFinder if any(family.pieces) else Finder
+    """The finder of a family: of rigid stops alone, or of any forces."""
+    kind = ContactFinder if any(family.pieces) or family.functions.parts else Finder
     return kind(family, grid, most_impacts, deadline)

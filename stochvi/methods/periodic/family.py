@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from stochvi.engine.calls import Characteristics, row_of_numbers
 from stochvi.engine.parts import Affine
 from stochvi.mathematics.numerics import Matrix, Vector, Waves
-from stochvi.methods.periodic.kernels import contact_flow, function_flow, solver
+from stochvi.methods.periodic.kernels import flow, solver
 from stochvi.model.coverage import (
     functions,
     functions_of_arrays,
@@ -74,7 +74,7 @@ def numbers_of_functions(
     found = list[Vector]()
     for part in model.functions:
         row = whitening @ part.direction
-        own, knots = np.zeros(widths[0]), np.full(widths[1], function_flow.FAR)
+        own, knots = np.zeros(widths[0]), np.full(widths[1], flow.FAR)
         numbers, kinks = row_of_numbers(compiled(part)), part.law.knots()
         own[: len(numbers)], knots[: len(kinks)] = numbers, kinks
         found += [unit * row, row / (row @ row) * time**2 / unit, own, knots]
@@ -96,9 +96,9 @@ def widths_of(model: Model) -> tuple[int, int]:
 
 def _kind(part: FunctionOfMotion) -> int:
     if part.law.sticks:
-        return function_flow.STICKS
+        return flow.STICKS
     turns = part.law.remembers or part.law.is_damper
-    return function_flow.TURNS if turns else function_flow.SMOOTH
+    return flow.TURNS if turns else flow.SMOOTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,20 +150,20 @@ class FunctionsOfFamily:
         """Number of memories."""
         return max(self.memories, default=-1) + 1
 
-    def at(self, sigma: float) -> function_flow.Functions:
+    def at(self, sigma: float) -> flow.Functions:
         """The functions at a place of the range."""
         found = np.polynomial.chebyshev.chebval(2.0 * sigma - 1.0, self.series)
         change = np.abs(self.series[1:]).sum(axis=0)
         numbers = np.where(change <= STEADY * np.abs(self.numbers), self.numbers, found)
-        n, width, _ = self.sizes
-        rows = np.reshape(numbers, (len(self.parts), -1))
+        n, width, most = self.sizes
+        rows = np.reshape(numbers, (len(self.parts), 2 * n + width + most))
         moved, changes = rows[:, :n].copy(), rows[:, n : 2 * n].copy()
         calls = Characteristics.of(
             list(self.parts), [Affine(0.0, 0.0, 0.0)] * len(self.parts), moved, changes,
             np.zeros(len(self.parts)), list(self.memories),
         )._replace(numbers=rows[:, 2 * n : 2 * n + width].copy())  # fmt: skip
         knots = rows[:, 2 * n + width :].copy()
-        return function_flow.Functions(
+        return flow.Functions(
             calls, self.pace, np.linalg.norm(moved, axis=1), knots, np.array(self.kinds, np.int64)
         )
 
@@ -411,7 +411,7 @@ class Family:
     length, time
         The units of the kernels, m and s.
     functions
-        Springs and dampers that are functions; None without any.
+        Springs and dampers that are functions.
     """
 
     low: float
@@ -423,7 +423,7 @@ class Family:
     stops: tuple[str, ...]
     length: float
     time: float
-    functions: FunctionsOfFamily | None = None
+    functions: FunctionsOfFamily
 
     @classmethod
     def of(
@@ -465,9 +465,6 @@ class Family:
 
         series = _series(at)
         ends = np.cumsum([len(scale), len(forces) * (2 + 3 * most)])
-        own = None
-        if middle.functions:
-            own = FunctionsOfFamily.of(middle, parts_at(middle), series[:, ends[1] :], widths, time)
         return cls(
             low=low,
             high=high,
@@ -478,7 +475,9 @@ class Family:
             stops=tuple(f"{pair.name} {stop.name}" for pair in middle.pairs for stop in pair.stops),
             length=length,
             time=time,
-            functions=own,
+            functions=FunctionsOfFamily.of(
+                middle, parts_at(middle), series[:, ends[1] :], widths, time
+            ),
         )
 
     @property
@@ -491,15 +490,13 @@ class Family:
         """The numbers over the range, as the kernels take them."""
         return solver.Expansion(self.series, *self.sizes)
 
-    def laws_at(self, sigma: float) -> contact_flow.Laws:
+    def laws_at(self, sigma: float) -> flow.Laws:
         """The forces of the stops at a place of the range."""
         numbers = np.polynomial.chebyshev.chebval(2.0 * sigma - 1.0, self.laws)
         # damper, Hertz's coefficient and pieces of each stop; there may be none
         rows = np.reshape(numbers, (len(self.pieces), -1)) if self.pieces else np.zeros((0, 2))
         pieces = np.ascontiguousarray(rows[:, 2:]).reshape(len(rows), (rows.shape[1] - 2) // 3, 3)
-        return contact_flow.Laws(
-            np.array(self.pieces), pieces, rows[:, 0].copy(), rows[:, 1].copy()
-        )
+        return flow.Laws(np.array(self.pieces), pieces, rows[:, 0].copy(), rows[:, 1].copy())
 
     def value(self, sigma: Vector | float) -> Vector:
         """The number that is varied."""

@@ -955,13 +955,13 @@ def harmonic_response(
     length of arc, through folds. The multipliers are those of the map over a period, in which an
     impact turns a perturbation by its saltation matrix.
 
-    In contact with a compliant stop the motion is linear, too, or linear piece by piece; Hertz's
-    law is integrated to rounding. Regimes are then states at the phase 0 that the flow takes back
-    to themselves. Flights from several states and from random ones look for them, slow sweeps up
-    and down, and Newton's iteration. All search over the range of the values; the values say only
-    where branches are drawn. Chatter that ends at rest on a rigid stop is followed by flights.
-    Where springs or dampers are functions, all motion is integrated by extrapolation of order 8,
-    which ends at each kink; friction holds a mass at rest, and hysteresis keeps its memory.
+    In contact with a compliant stop the motion is linear, too, or linear piece by piece. Regimes
+    are then states at the phase 0 that the flow takes back to themselves. Flights from several
+    states and from random ones look for them, slow sweeps up and down, and Newton's iteration. All
+    search over the range of the values; the values say only where branches are drawn. Chatter that
+    ends at rest on a rigid stop is followed by flights. With Hertz's law, and where springs or
+    dampers are functions, motion is integrated by extrapolation of order 8, which ends at each
+    kink. Friction holds a mass at rest, and hysteresis keeps its memory.
 
     Percussion machines, free bodies under a feed, are among the structures: their impact speed (B
     4.20), the range of their regimes (B 4.21) and of both branches (B 4.12, 4.28).

@@ -23,8 +23,10 @@ from stochvi import (
     harmonic_response,
 )
 from stochvi.methods.periodic import Bifurcation, basins, bifurcation, lyapunov_exponent
-from stochvi.methods.periodic.contact_branches import FunctionFinder
+from stochvi.methods.periodic.contact_branches import ContactFinder
+from stochvi.methods.periodic.family import Family
 from stochvi.methods.periodic.sine_response import Branch, HarmonicResponse
+from stochvi.model.model import model_of
 from stochvi.scenes import (
     BoucWen,
     Coulomb,
@@ -496,26 +498,33 @@ def test_a_modulation_is_refused() -> None:
         harmonic_response(scene)
 
 
-def test_kept_slopes_lead_to_the_same_regimes_with_fewer_motions(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    scene = oscillator(CASES["duffing"], STOPS["viscoelastic"], 0.2)
-    answers, counts = [], list[int]()
-    own = FunctionFinder._flown
+FOLLOWED = [
+    *((name, stops) for name in ("duffing", "polynomials", "table", "rayleigh", "bouc-wen")
+      for stops in ("no stops", "rigid")),
+    ("duffing", "viscoelastic"), ("duffing", "hertz"), ("friction", "no stops"),
+]  # fmt: skip
+"""Functions and laws of stops; dry friction slips at first, and then sticks."""
 
-    def counted(*values: object, **keys: object) -> object:
-        counts[-1] += 1
-        return own(*values, **keys)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(FunctionFinder, "_flown", counted)
-    for kept in (FunctionFinder.kept, 0.0):
-        monkeypatch.setattr(FunctionFinder, "kept", kept)
-        counts.append(0)
-        answers.append(harmonic_response(scene, budget=300.0).at(0.2))
-    assert counts[0] < 0.95 * counts[1]
-    for name in ("periods", "displacement_max", "impact_speed_max", "multiplier"):
-        one, other = (np.sort(each[name].to_numpy()) for each in answers)
-        assert one == pytest.approx(other, rel=1e-6), name
+@pytest.mark.parametrize(("name", "stops"), FOLLOWED)
+def test_perturbations_of_a_motion_grow_as_its_neighbours_do(name: str, stops: str) -> None:
+    """Over kinks, impacts, contacts and halts; neighbours start on either side."""
+    scene = rubbed(0.3, 0.6) if name == "friction" else oscillator(CASES[name], STOPS[stops], 0.2)
+    model = model_of(scene)
+    family = Family.of(lambda _: model, 1.0, 2.0, None, with_functions=True)
+    finder = ContactFinder(family, np.array([0.5]), 1)
+    start = np.append([0.1, 0.4], [0.05] * family.functions.remembering)
+    motion = finder.flown(0.5, start, 1)
+    assert motion is not None
+    if stops != "no stops":
+        assert len(motion.log)
+    sides = [
+        [finder.flown(0.5, start + side * way, 1, factors=False) for way in np.eye(len(start))]
+        for side in (-1e-5, 1e-5)
+    ]
+    low, high = ([each.ends[-1] for each in side if each is not None] for side in sides)
+    expected = (np.array(high) - np.array(low)).T / 2e-5
+    assert motion.factors == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
 
 
 # ------------------------------------------------------------------------------

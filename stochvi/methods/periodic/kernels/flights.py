@@ -33,6 +33,7 @@ from stochvi.methods.periodic.kernels.solver import (
     strike_or_rest,
     sum_terms,
     transition,
+    turn_column,
 )
 
 NO_ATTRACTOR = -1
@@ -117,23 +118,6 @@ def course_of(motion, phase, angle):
 
 
 @kernel
-def turn(generator, time, perturbations, column, out):
-    """Take a small perturbation of a state, (2 n, number), over a time."""
-    two = len(perturbations)
-    put(perturbations[:, column], out)
-    fresh = np.empty(two)
-    for k in range(1, TERMS):
-        for i in range(two):
-            total = 0.0
-            for j in range(two):
-                total += generator[i, j] * out[j]
-            fresh[i] = total * time / k
-        for i in range(two):
-            out[i] = fresh[i]
-            perturbations[i, column] += fresh[i]
-
-
-@kernel
 def turn_at_impact(motion, stop, z, perturbations):
     """Take small perturbations over an impact, before it turns the state z: a perturbed flight is
     struck at another moment. The old rates act before it, the new ones after it."""
@@ -209,7 +193,7 @@ def fly(course, y, touch, perturbations, log, hits):
             sum_terms(terms, left, later)
             sooner, event = next_event(motion, touch, z, later, left, terms)
             for column in range(columns):
-                turn(generator, sooner, perturbations, column, turned)
+                turn_column(generator, sooner, perturbations, column, turned)
             if event == NONE:
                 put(later, z)
                 touch.on[1], touch.on[2], left = FREE, FREE, 0.0

@@ -855,6 +855,23 @@ def sum_terms(terms, time, out):
 
 
 @kernel
+def turn_column(generator, time, perturbations, column, out):
+    """Take a small perturbation of a state, (2 n, number), over a time."""
+    two = len(perturbations)
+    put(perturbations[:, column], out)
+    fresh = np.empty(two)
+    for k in range(1, TERMS):
+        for i in range(two):
+            total = 0.0
+            for j in range(two):
+                total += generator[i, j] * out[j]
+            fresh[i] = total * time / k
+        for i in range(two):
+            out[i] = fresh[i]
+            perturbations[i, column] += fresh[i]
+
+
+@kernel
 def distance_of(motion, stop, z):
     """The distance d of a state to a stop, below 0 where it is clear of it, and its rate."""
     n = motion.rows.shape[1]

@@ -1,12 +1,19 @@
-"""Flow of a structure whose springs and dampers are functions, by extrapolation.
+"""Flow of a structure with stops of any law, and springs and dampers that are functions.
 
-A step is that of the midpoint rule with 2, 4, 6 and 8 parts, extrapolated to infinitely many
-(Gragg's method): of order 8 for any function. It ends at each event. These are the events of
-stops, as in `contact_flow`, and the places at which a function has a kink: a knot of a table, a
-rate that turns, a memory that passes 0. A damper that sticks holds the rate of its displacement
-at 0 while its force suffices.
+Between two events a motion is smooth. A step of it is a Taylor series where forces are linear;
+else it is that of the midpoint rule with 2, 4, 6 and 8 parts, extrapolated to infinitely many
+(Gragg's method): of order 8 for any function. It ends at each event. These are touches, the ends
+and pieces of contacts, and the places at which a function has a kink: a knot of a table, a rate
+that turns, a memory that passes 0. A damper that sticks holds the rate of its displacement at 0
+while its force suffices.
 
-Symbols as in `contact_flow`; a state y = (q, q', z) has the memories z of the functions at its end.
+The force of a compliant stop is made of straight pieces over the depth d = row . q - position > 0:
+in piece p it is f_p + k_p (d - b_p), and q'' changes by minus that times the row. It passes from
+piece to piece at b_p, and contact ends at d = 0. A stop with a damper has one piece, k d + c d'
+where that is positive: contact ends at zero force, before d is 0 again, and the stop follows
+without a force. Hertz's law adds h d^(3/2).
+
+Symbols as in `solver`; a state y = (q, q', z) has the memories z of the functions at its end.
 """
 
 import math
@@ -17,26 +24,38 @@ import numpy as np
 from stochvi.engine.borrowed import borrowed, hold
 from stochvi.engine.calls import PULL, SLOPE, Characteristics, ask, call_of_part
 from stochvi.engine.compiling import kernel
-from stochvi.methods.periodic.kernels.contact_flow import AWAY, FOLLOWING
 from stochvi.methods.periodic.kernels.solver import (
+    ANGLE,
     MOST_IMPACTS,
+    NORM,
+    TERMS,
     distance_of,
+    expand,
     force_state,
     output_of,
     put,
     strike,
+    sum_terms,
     swing,
+    turn_column,
 )
+
+AWAY, FOLLOWING = -1, -2
+"""States of a stop: the gap is open; the mass is beyond it, and it follows without a force. Where
+it presses the state is the number of the piece, from 0 on."""
 
 COLUMNS = 4
 """Number of midpoint rules that a step extrapolates."""
 
-LONGEST = 0.125
-"""Longest step times the fastest frequency of the linear structure, rad."""
+SHARE = 0.5
+"""Longest step that is extrapolated, over that of a Taylor series."""
 
 ACCURATE = 1e-9
 """Change by the last extrapolation, in the units of the kernels, up to which a step is taken: the
 error of the step is some hundred times smaller."""
+
+ROOTED = 1e-3
+"""Share of it where a stop of Hertz's law presses, whose force begins as a power 3/2."""
 
 SHORTEST = 1e-9
 """Shortest step over the longest one: a function of a user's own may have jumps."""
@@ -65,6 +84,12 @@ FAR = 1e300
 PROBE = 1e-4
 """Share of a step over which an acceleration is differenced."""
 
+ASIDE = 1e-6
+"""Change of a state over which a step and an edge are differenced to turn perturbations."""
+
+SUDDEN = 1e-9
+"""Change of a rate by an event, relative to its size, above which it is no rounding."""
+
 TOUCHED = 1e-11
 """Distance from an edge, in the units of the kernels, up to which a motion is on it."""
 
@@ -77,6 +102,39 @@ SMOOTH, TURNS, STICKS = 0, 1, 2
 ABOVE, BELOW, RATE, MEMORY = 0, 1, 2, 3
 """Edges of a function: the knots around its displacement, its rate and its memory. While a damper
 sticks, the first two of them are the forces at which it slips."""
+
+
+class Laws(NamedTuple):
+    """The stops.
+
+    Parameters
+    ----------
+    counts : (m,), number of straight pieces of the force, 0 of a rigid stop.
+    pieces : (m, most, 3), depth b and force f at which each piece begins, and its slope k.
+    dampers : (m,), coefficient c of the damper.
+    hertz : (m,), coefficient h of Hertz's law, 0 of a stop of another law.
+    """
+
+    counts: np.ndarray
+    pieces: np.ndarray
+    dampers: np.ndarray
+    hertz: np.ndarray
+
+
+class Record(NamedTuple):
+    """Record of a motion.
+
+    Parameters
+    ----------
+    ends : (periods + 1, size), the state at the start and after each period.
+    log : (most, 3 + size), phase, stop, speed and state of each contact that begins; the last ones
+        in place of the first where they are too many.
+    grown : (size, number), small changes of the start, which become those of the end.
+    """
+
+    ends: np.ndarray
+    log: np.ndarray
+    grown: np.ndarray
 
 
 class Functions(NamedTuple):
@@ -99,10 +157,10 @@ class Functions(NamedTuple):
 
 
 class System(NamedTuple):
-    """A motion, the laws of its stops (`contact_flow.Laws`), and its functions."""
+    """A motion, the laws of its stops, and its functions."""
 
     motion: tuple
-    laws: tuple
+    laws: Laws
     functions: Functions
 
 
@@ -111,7 +169,7 @@ class Modes(NamedTuple):
 
     Parameters
     ----------
-    stops : (m,), as in `contact_flow`.
+    stops : (m,), number of the piece, AWAY or FOLLOWING.
     cells : (parts,), number of knots below each displacement.
     sides : (parts,), sign of each rate, 0 of one that is held.
     signs : (parts,), sign of each memory.
@@ -125,16 +183,21 @@ class Modes(NamedTuple):
 
 class Work(NamedTuple):
     """Arrays for intermediate results: displacements, rates (parts, 1) and memories (memories, 1)
-    of functions, the force w, and states of the extrapolation."""
+    of functions, the force w, the generator with the pieces that press, (q, q', w) and its Taylor
+    coefficients, and states of the extrapolation."""
 
     x: np.ndarray
     v: np.ndarray
     z: np.ndarray
     w: np.ndarray
+    generator: np.ndarray
+    whole: np.ndarray
+    terms: np.ndarray
     table: np.ndarray
     midpoints: np.ndarray
     ahead: np.ndarray
     slopes: np.ndarray
+    sides: np.ndarray
     states: np.ndarray
 
 
@@ -226,21 +289,16 @@ def rates_of(system, modes, y, phase, work, out):
         out[i] = y[n + i]
         total = 0.0
         for j in range(2 * n):
-            total += motion.generator[n + i, j] * y[j]
+            total += work.generator[n + i, j] * y[j]
         for j in range(2 * n, size):
-            total += motion.generator[n + i, j] * work.w[j - 2 * n]
+            total += work.generator[n + i, j] * work.w[j - 2 * n]
         out[n + i] = total
     for s in range(len(modes.stops)):
-        state = modes.stops[s]
-        if state < 0 or laws.counts[s] == 0:
-            continue
-        deep, speed = distance_of(motion, s, y)
-        piece = laws.pieces[s, state]
-        push = piece[1] + piece[2] * (deep - piece[0]) + laws.dampers[s] * speed
-        if laws.hertz[s] > 0.0:
-            push += laws.hertz[s] * max(deep, 0.0) ** 1.5
-        for i in range(n):
-            out[n + i] -= push * motion.rows[s, i]
+        if modes.stops[s] >= 0 and laws.hertz[s] > 0.0:
+            deep, _ = distance_of(motion, s, y)
+            push = laws.hertz[s] * max(deep, 0.0) ** 1.5
+            for i in range(n):
+                out[n + i] -= push * motion.rows[s, i]
     for k in range(2 * n, len(y)):
         work.z[k - 2 * n, 0] = y[k]
     stuck = -1
@@ -266,10 +324,74 @@ def rates_of(system, modes, y, phase, work, out):
 
 
 @kernel
+def put_aside(y, way, side, out):
+    """Write a state beside y in a direction; returns the half of the distance between both sides,
+    in lengths of the direction."""
+    largest = 0.0
+    for i in range(len(y)):
+        largest = max(largest, abs(way[i]))
+    change = ASIDE / max(largest, 1e-300)
+    for i in range(len(y)):
+        out[i] = y[i] + side * change * way[i]
+    return change
+
+
+@kernel
+def is_rooted(system, modes):
+    """Whether a stop of Hertz's law presses."""
+    found = False
+    for s in range(len(modes.stops)):
+        found = found or (modes.stops[s] >= 0 and system.laws.hertz[s] > 0.0)
+    return found
+
+
+@kernel
+def is_linear(system, modes):
+    """Whether all forces are linear."""
+    return len(modes.sides) == 0 and not is_rooted(system, modes)
+
+
+@kernel
+def press(system, modes, generator):
+    """Write the generator with the springs and dampers of the stops that press. Returns the longest
+    step in which no distance turns twice and the series converge: speeds are taken in units of the
+    fastest frequency, which a stiff stop raises."""
+    motion, laws = system.motion, system.laws
+    n, size = motion.rows.shape[1], len(generator)
+    for i in range(size):
+        put(motion.generator[i], generator[i])
+    for s in range(len(modes.stops)):
+        if modes.stops[s] < 0:
+            continue
+        piece = laws.pieces[s, modes.stops[s]]
+        b, f, k = piece[0], piece[1], piece[2]
+        for i in range(n):
+            push = motion.rows[s, i]
+            for j in range(n):
+                generator[n + i, j] -= k * push * motion.rows[s, j]
+                generator[n + i, n + j] -= laws.dampers[s] * push * motion.rows[s, j]
+            generator[n + i, size - 1] -= (f - k * (b + motion.positions[s])) * push
+    stiffness, damping = 0.0, 0.0
+    for i in range(n):
+        stiff, damped = 0.0, 0.0
+        for j in range(n):
+            stiff += abs(generator[n + i, j])
+            damped += abs(generator[n + i, n + j])
+        stiffness, damping = max(stiffness, stiff), max(damping, damped)
+    h = (size - 2 * n - 1) // 2
+    fastest = max(max(h, 1) * motion.omega, math.sqrt(stiffness))
+    return min(ANGLE / fastest, NORM / (fastest + damping))
+
+
+@kernel
 def leap(system, modes, y, rates, phase, h, work, out):
-    """Write the state a step h after y, where its rates are known; returns the change by the last
-    extrapolation."""
+    """Write the state a step h after y, where its rates are known, or its Taylor coefficients if
+    forces are linear; returns the change by the last extrapolation."""
     omega, size = system.motion.omega, len(y)
+    if is_linear(system, modes):
+        sum_terms(work.terms, h, work.whole)
+        put(work.whole[:size], out)
+        return 0.0
     before, now, fresh = work.midpoints[0], work.midpoints[1], work.midpoints[2]
     for k in range(COLUMNS):
         count = 2 * (k + 1)
@@ -412,6 +534,11 @@ def enter(system, modes, number, y, phase, work, rates):
         _, speed = distance_of(motion, s, y)
         if laws.counts[s] == 0:
             strike(motion, s, y)
+            for j in range(len(modes.sides)):
+                # an impact turns rates at once
+                _, v = displaced(functions, j, y, motion.rows.shape[1])
+                if abs(v) > AT_REST * functions.widths[j]:
+                    modes.sides[j] = 1 if v > 0.0 else -1
         elif state == AWAY:
             modes.stops[s] = 0
         elif state == FOLLOWING:
@@ -457,7 +584,7 @@ def turn_rate(system, modes, j, y, phase, work, rates):
 
 @kernel
 def first_modes(system, modes, y, phase, work, rates):
-    """Set the modes of a state."""
+    """Set the modes of a state; returns the longest step in them, as of `press`."""
     motion, laws, functions = system.motion, system.laws, system.functions
     n = motion.rows.shape[1]
     for s in range(len(modes.stops)):
@@ -471,6 +598,7 @@ def first_modes(system, modes, y, phase, work, rates):
         modes.stops[s] = state
         if laws.pieces[s, 0, 2] * deep + laws.dampers[s] * speed < 0.0:
             modes.stops[s] = FOLLOWING
+    longest = press(system, modes, work.generator)
     held = -1
     for j in range(len(functions.kinds)):
         x, v = displaced(functions, j, y, n)
@@ -485,6 +613,7 @@ def first_modes(system, modes, y, phase, work, rates):
             held = j
     if held >= 0:
         turn_rate(system, modes, held, y, phase, work, rates)
+    return longest
 
 
 @kernel
@@ -550,26 +679,16 @@ def acceleration_of(system, modes, y, rates, phase, time, work):
 
 
 @kernel
-def longest_step(motion):
-    """Longest step, which resolves the linear structure and the force."""
-    n = motion.rows.shape[1]
-    h = (len(motion.generator) - 2 * n - 1) // 2
-    stiffness = 0.0
-    for i in range(n):
-        stiff = 0.0
-        for j in range(n):
-            stiff += abs(motion.generator[n + i, j])
-        stiffness = max(stiffness, stiff)
-    return LONGEST / max(max(h, 1) * motion.omega, math.sqrt(stiffness))
-
-
-@kernel
 def advance(system, modes, y, rates, phase, step, limit, places, work, out, later):
     """Write the state after a step, or at the first edge in it. Returns its length, the edge that
     is passed at its end, or -1, and the change by the last extrapolation. Where that is beyond a
     limit nothing else is found."""
     starts, ends = places
-    omega = system.motion.omega
+    omega, size = system.motion.omega, len(y)
+    if is_linear(system, modes):
+        put(y, work.whole[:size])
+        force_state(system.motion, phase, work.whole[size:])
+        expand(work.generator, work.whole, work.terms)
     error = leap(system, modes, y, rates, phase, step, work, out)
     if not error <= limit:
         return step, -1, error
@@ -591,21 +710,68 @@ def advance(system, modes, y, rates, phase, step, limit, places, work, out, late
 
 
 @kernel
-def flow(system, start, phase, record):
-    """Follow a motion over whole periods of the force from a phase of it, as `contact_flow.flow`.
+def turn_over_step(system, modes, y, phase, length, work, grown):
+    """Take small perturbations of the state y, in their place, over a step within its modes."""
+    for column in range(grown.shape[1]):
+        if is_linear(system, modes):
+            turn_column(work.generator, length, grown, column, work.ahead)
+            continue
+        change = 0.0
+        for side in range(2):
+            change = put_aside(y, grown[:, column], 2.0 * side - 1.0, work.ahead)
+            rates_of(system, modes, work.ahead, phase, work, work.sides[2])
+            leap(system, modes, work.ahead, work.sides[2], phase, length, work, work.sides[side])
+        for i in range(len(y)):
+            grown[i, column] = (work.sides[1, i] - work.sides[0, i]) / (2.0 * change)
 
-    Factors of perturbations are not found. Where the log of the record is empty, contacts are
-    counted alone, and displacement, acceleration and amplitude are 0.
+
+@kernel
+def delays_at(system, modes, number, y, rates, grip, grown, work, out):
+    """Write how much earlier each small perturbation of a motion passes an edge than the motion."""
+    _, faster, _ = edge_of(system, modes, number, y, rates, grip, work)
+    for column in range(grown.shape[1]):
+        total, change = 0.0, 1.0
+        for side in (-1.0, 1.0):
+            change = put_aside(y, grown[:, column], side, work.ahead)
+            beyond, _, _ = edge_of(system, modes, number, work.ahead, rates, grip, work)
+            total += side * beyond
+        out[column] = total / (2.0 * change * faster) if faster != 0.0 else 0.0
+
+
+@kernel
+def turn_at_edge(system, struck, before, after, delays, grown):
+    """Take small perturbations over an edge, also the impact on the stop that is struck, if it is
+    rigid: each passes it at another moment. The rates before act until then, those after it from
+    then on."""
+    two = 2 * system.motion.rows.shape[1]
+    if struck >= 0 and system.laws.counts[struck] == 0:
+        strike(system.motion, struck, before[:two])
+        for column in range(grown.shape[1]):
+            strike(system.motion, struck, grown[:two, column])
+    for i in range(len(before)):
+        change = after[i] - before[i]
+        if abs(change) > SUDDEN * (abs(after[i]) + abs(before[i])):
+            for column in range(grown.shape[1]):
+                grown[i, column] += change * delays[column]
+
+
+@kernel
+def flow(system, start, phase, record):
+    """Follow a motion over whole periods of the force from a phase of it.
+
+    Returns the number of contacts, or -1 where events come too fast to be followed. Then come the
+    largest displacement and acceleration of the output, and the amplitude of its first harmonic.
     """
     motion, size, parts = system.motion, len(start), len(system.functions.kinds)
-    n, m = motion.rows.shape[1], len(motion.positions)
+    n, m, whole = motion.rows.shape[1], len(motion.positions), len(motion.generator)
     work = Work(
         np.zeros((parts, 1)), np.zeros((parts, 1)), np.zeros((max(size - 2 * n, 1), 1)),
-        np.empty(len(motion.generator) - 2 * n), np.empty((COLUMNS, COLUMNS, size)),
-        np.empty((3, size)), np.empty(size), np.empty(size), np.empty((4, size)),
+        np.empty(whole - 2 * n), np.empty((whole, whole)), np.empty(whole),
+        np.empty((TERMS, whole)), np.empty((COLUMNS, COLUMNS, size)), np.empty((3, size)),
+        np.empty(size), np.empty(size), np.empty((3, size)), np.empty((4, size)),
     )  # fmt: skip
     modes = Modes(
-        np.zeros(m, np.int64), np.zeros(parts, np.int64), np.zeros(parts, np.int64),
+        np.full(m, AWAY), np.zeros(parts, np.int64), np.zeros(parts, np.int64),
         np.zeros(parts, np.int64),
     )  # fmt: skip
     places = np.zeros((2, 2 * m + 4 * parts, 3))
@@ -623,15 +789,14 @@ def flow(system, start, phase, record):
 def follow(system, modes, start, phase, record, work, places):
     """`flow`, in arrays of which no owners are counted."""
     motion, functions = system.motion, system.functions
-    ends, log, _ = record
-    measured = len(log) > 0
+    ends, log, grown = record
     periods, size, parts = len(ends) - 1, len(start), len(functions.kinds)
+    delays = np.zeros(grown.shape[1])
     y, fresh, rates, later = work.states[0], work.states[1], work.states[2], work.states[3]
     put(start, y)
     put(start, ends[0])
-    first_modes(system, modes, y, phase, work, rates)
-    longest = longest_step(motion)
-    shortest, probe, most = SHORTEST * longest, PROBE * longest, MOST_IMPACTS * (2 + parts)
+    longest = first_modes(system, modes, y, phase, work, rates)
+    shortest, most = SHARE * SHORTEST * longest, MOST_IMPACTS * (2 + parts)
     hits, displacement, acceleration, even, odd, wanted = 0, 0.0, 0.0, 0.0, 0.0, longest
     fastest = 0.0
     for period in range(periods):
@@ -640,7 +805,9 @@ def follow(system, modes, start, phase, record, work, places):
             now = phase + 2.0 * math.pi * (period + 1) - motion.omega * left
             grip = rates_of(system, modes, y, now, work, rates)
             edges_at(system, modes, y, rates, grip, work, places[0])
-            limit = ACCURATE if wanted > shortest else np.inf
+            wanted = longest if is_linear(system, modes) else min(wanted, SHARE * longest)
+            accurate = ACCURATE * (ROOTED if is_rooted(system, modes) else 1.0)
+            limit = accurate if wanted > shortest else np.inf
             length, passed, error = advance(
                 system, modes, y, rates, now, min(wanted, left), limit, places, work, fresh, later
             )
@@ -650,7 +817,7 @@ def follow(system, modes, start, phase, record, work, places):
                 if events > most:
                     return -1, displacement, acceleration, 0.0
                 continue
-            if error <= 1e-3 * ACCURATE:
+            if error <= 1e-3 * accurate:
                 wanted = min(2.0 * wanted, longest)
             largest = 0.0
             for i in range(size):
@@ -658,28 +825,29 @@ def follow(system, modes, start, phase, record, work, places):
             if not largest < LARGEST:
                 return -1, displacement, acceleration, 0.0
             then = now + motion.omega * length
-            if measured:
-                place, moving = output_of(motion, y)
-                place_, moving_ = output_of(motion, fresh)
-                displacement = max(displacement, swing((place, place_), (moving, moving_), length))
-                if length > 0.0 and period >= periods - MEASURED:
-                    push, jerk = acceleration_of(system, modes, y, rates, now, probe, work)
-                    push_, jerk_ = acceleration_of(system, modes, fresh, later, then, probe, work)
-                    acceleration = max(acceleration, swing((push, push_), (jerk, jerk_), length))
-                for number in range(2):
-                    # cosine and sine; each product by its values and slopes
-                    angle, angle_ = now - 0.5 * math.pi * number, then - 0.5 * math.pi * number
-                    wave, wave_ = math.cos(angle), math.cos(angle_)
-                    turning, turning_ = (
-                        -motion.omega * math.sin(angle),
-                        -motion.omega * math.sin(angle_),
-                    )
-                    bend = moving * wave + place * turning - moving_ * wave_ - place_ * turning_
-                    part = 0.5 * length * (place * wave + place_ * wave_) + length**2 / 12.0 * bend
-                    if number == 0:
-                        even += part
-                    else:
-                        odd += part
+            place, moving = output_of(motion, y)
+            place_, moving_ = output_of(motion, fresh)
+            displacement = max(displacement, swing((place, place_), (moving, moving_), length))
+            if length > 0.0 and period >= periods - MEASURED:
+                probe = PROBE * longest
+                push, jerk = acceleration_of(system, modes, y, rates, now, probe, work)
+                push_, jerk_ = acceleration_of(system, modes, fresh, later, then, probe, work)
+                acceleration = max(acceleration, swing((push, push_), (jerk, jerk_), length))
+            for number in range(2):
+                # cosine and sine; each product by its values and slopes
+                angle, angle_ = now - 0.5 * math.pi * number, then - 0.5 * math.pi * number
+                wave, wave_ = math.cos(angle), math.cos(angle_)
+                turning, turning_ = (
+                    -motion.omega * math.sin(angle),
+                    -motion.omega * math.sin(angle_),
+                )
+                bend = moving * wave + place * turning - moving_ * wave_ - place_ * turning_
+                part = 0.5 * length * (place * wave + place_ * wave_) + length**2 / 12.0 * bend
+                if number == 0:
+                    even += part
+                else:
+                    odd += part
+            turn_over_step(system, modes, y, now, length, work, grown)
             put(fresh, y)
             left -= length
             if left < 1e-13:
@@ -689,12 +857,18 @@ def follow(system, modes, start, phase, record, work, places):
             events += 1
             if events > most:
                 return -1, displacement, acceleration, 0.0
+            if len(delays) > 0:
+                grip = rates_of(system, modes, y, then, work, later)
+                delays_at(system, modes, passed, y, later, grip, grown, work, delays)
             stop, speed = enter(system, modes, passed, y, then, work, rates)
+            longest = press(system, modes, work.generator)
+            if len(delays) > 0:
+                rates_of(system, modes, y, then, work, rates)
+                turn_at_edge(system, stop, later, rates, delays, grown)
             if stop >= 0:
-                if measured:
-                    slot = hits % len(log)
-                    log[slot, 0], log[slot, 1], log[slot, 2] = then, stop, speed
-                    put(fresh, log[slot, 3:])
+                slot = hits % len(log)
+                log[slot, 0], log[slot, 1], log[slot, 2] = then, stop, speed
+                put(fresh, log[slot, 3:])
                 hits += 1
                 fastest = max(fastest, speed)
                 if system.laws.counts[stop] == 0 and speed <= STILL * fastest:
