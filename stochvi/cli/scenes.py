@@ -179,7 +179,8 @@ zeta = 0.1
 # springs and dampers that are functions add to these: spring = { kind = "duffing",
 # cubic_stiffness = 1e9 } (N/m^3), or { kind = "polynomial", coefficients = [1e4, 0.0, 1e9] }
 # (N/m, N/m^2, ...), or a measured force { kind = "table", file = "mount.csv", unit = "mm,N" }, or
-# wire rope { kind = "bouc-wen", stiffness = 2e4, yield_displacement = 1e-3 } (N/m, m);
+# wire rope { kind = "bouc-wen", stiffness = 2e4, yield_displacement = 1e-3 } (N/m, m), or rubber
+# { kind = "relaxation", stiffness = 2e5, branches = [[5e4, 0.01]] } (N/m; N/m, s);
 # damper = { kind = "coulomb", force = 2.0 } (N), or { kind = "polynomial", coefficients =
 # [5.0, 20.0] } (N s/m, N s^2/m^2), or { kind = "rayleigh", linear_damping = -5.0, cubic_damping =
 # 50.0 } (N s/m, N s^3/m^3), or { kind = "van-der-pol", damping = 5.0, amplitude = 1e-3 } (N s/m,

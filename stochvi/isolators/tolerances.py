@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 
 from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.mathematics.spectra import eigenvalues
 from stochvi.mathematics.units import power_ratio, with_checks
 from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.model.coverage import free_motion
@@ -666,6 +667,10 @@ class Region:
             model,
             stiffness=model.stiffness * frequency**2,
             damping=model.damping * (frequency * damping),
+            branches=tuple(
+                each._replace(stiffness=each.stiffness * frequency**2 * damping)
+                for each in model.branches
+            ),
             rates=None,
         )
         return Gaps.of(structure, math.sqrt(power_ratio(off.get("level", 0.0))), frequency)
@@ -726,6 +731,9 @@ class Region:
     def narrowest(self) -> float:
         """The smallest damping ratio of a mode as stated: its relative half width."""
         modes = model_of(self.scene).modal
+        if modes.branches is not None:
+            free = eigenvalues(np.diag(modes.squares), modes.dynamic)
+            return float(np.min((-free.real / np.abs(free))[free.imag > 0.0], initial=1.0))
         held = modes.squares > 0.0
         return float(np.min(0.5 * np.diag(modes.damping)[held] / np.sqrt(modes.squares[held])))
 

@@ -418,6 +418,48 @@ Force = Vector | InputMatrix
 Tables = Sequence[tuple[Table, Force]]
 """Each density, with the modal forces per unit of the quantity that the density describes."""
 
+
+class RelaxingDamping(NamedTuple):
+    """A damping matrix with springs behind dampers, whose forces relax: r' = k v - r / tau.
+
+    B(w) = B + sum k tau / (1 + i w tau) g g', with v = g' q' the rate of a spring and damper.
+
+    Parameters
+    ----------
+    matrix
+        B (n, n).
+    rows
+        g (branches, n).
+    stiffness, times
+        k and tau (branches,).
+    """
+
+    matrix: Matrix
+    rows: Matrix
+    stiffness: Vector
+    times: Vector
+
+    def forces(self, omega: Vector) -> Waves:
+        """Forces r per unit of v, k tau / (1 + i w tau), (frequencies, branches)."""
+        return np.asarray(
+            self.stiffness * self.times / (1.0 + 1j * np.multiply.outer(omega, self.times))
+        )
+
+    def __call__(self, omega: Vector) -> Waves:
+        """B(w) at frequencies, rad/s, (frequencies, n, n)."""
+        relaxing = np.einsum("fb,bi,bj->fij", self.forces(omega), self.rows, self.rows)
+        return np.asarray(self.matrix + relaxing)
+
+
+Damping = Matrix | RelaxingDamping
+"""A matrix, or a function of frequency."""
+
+
+def damping_at(damping: Damping, omega: Vector) -> Waves | Matrix:
+    """Damping at frequencies, rad/s: (frequencies, n, n), or the (n, n) of all of them."""
+    return damping(omega) if isinstance(damping, RelaxingDamping) else damping
+
+
 NODES_OF_RESPONSE = 6
 """Number of Gauss-Legendre nodes on each panel; panels narrow geometrically towards resonances."""
 
@@ -428,7 +470,7 @@ NARROWEST = 1e-9
 """Smallest width of a resonance, relative to its frequency, that panels resolve."""
 
 
-def gains(frequency_hz: Vector, stiffness: Matrix, damping: Matrix, force: Force) -> Waves:
+def gains(frequency_hz: Vector, stiffness: Matrix, damping: Damping, force: Force) -> Waves:
     """Frequency responses of the displacements to an excitation, complex (frequencies, n).
 
     >>> still = gains(np.array([0.0]), np.diag([4.0]), np.diag([0.1]), np.array([2.0]))
@@ -439,7 +481,7 @@ def gains(frequency_hz: Vector, stiffness: Matrix, damping: Matrix, force: Force
 
 
 def _gains_of_all(
-    frequency_hz: Vector, stiffness: Matrix, damping: Matrix, forces: Sequence[Force]
+    frequency_hz: Vector, stiffness: Matrix, damping: Damping, forces: Sequence[Force]
 ) -> Waves:
     """`gains` of several excitations, (frequencies, n, excitations)."""
     if len(frequency_hz) > AT_ONCE:  # a budget may end between two parts
@@ -448,7 +490,7 @@ def _gains_of_all(
         ]
         return np.concatenate([_gains_of_all(each, stiffness, damping, forces) for each in parts])
     w = 2.0 * np.pi * frequency_hz[:, None, None]
-    dynamic = stiffness - w**2 * np.eye(len(stiffness)) + 1j * w * damping
+    dynamic = stiffness - w**2 * np.eye(len(stiffness)) + 1j * w * damping_at(damping, w[:, 0, 0])
     shape = (len(frequency_hz), len(stiffness))
     pushed = [np.broadcast_to(_at(force, frequency_hz), shape) for force in forces]
     return np.asarray(np.linalg.solve(dynamic, np.stack(pushed, axis=-1)), dtype=np.complex128)
@@ -461,7 +503,7 @@ def _at(force: Force, frequency_hz: Vector) -> Waves:
     return force.astype(complex)
 
 
-def quadrature(tables: Tables, stiffness: Matrix, damping: Matrix) -> tuple[Vector, Vector]:
+def quadrature(tables: Tables, stiffness: Matrix, damping: Damping) -> tuple[Vector, Vector]:
     """Nodes (Hz) and weights over all tables, in panels that narrow towards every resonance."""
     edges = [table.frequency_hz for table, _ in tables]
     edges += [force.breaks for _, force in tables if isinstance(force, InputMatrix)]
@@ -479,17 +521,31 @@ def quadrature(tables: Tables, stiffness: Matrix, damping: Matrix) -> tuple[Vect
     return gauss_panels(cuts, NODES_OF_RESPONSE)
 
 
-def eigenvalues(stiffness: Matrix, damping: Matrix) -> Waves:
+def eigenvalues(stiffness: Matrix, damping: Damping) -> Waves:
     """Eigenvalues of the free motion q'' + B q' + K q = 0, one of each conjugate pair."""
     n = len(stiffness)
-    companion = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -damping]])
+    plain = damping.matrix if isinstance(damping, RelaxingDamping) else damping
+    companion = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -plain]])
+    if isinstance(damping, RelaxingDamping):
+        companion = with_branches(companion, damping)
     found = np.linalg.eigvals(companion).astype(complex)
     kept: Waves = found[found.imag >= 0.0]
     return kept
 
 
-def covariance(tables: Tables, stiffness: Matrix, damping: Matrix) -> Matrix:
-    """Stationary covariance of displacements and velocities, (2n, 2n).
+def with_branches(motion: Matrix, damping: RelaxingDamping) -> Matrix:
+    """The generator (2n, 2n) of displacements and velocities with the forces of branches as further
+    states."""
+    n, count = len(motion) // 2, len(damping.times)
+    pulled, moved = np.zeros((2 * n, count)), np.zeros((count, 2 * n))
+    pulled[n:] = -damping.rows.T
+    moved[:, n:] = damping.stiffness[:, None] * damping.rows
+    return np.block([[motion, pulled], [moved, np.diag(-1.0 / damping.times)]])
+
+
+def covariance(tables: Tables, stiffness: Matrix, damping: Damping) -> Matrix:
+    """Stationary covariance of displacements and velocities, (2n, 2n), and of the forces of
+    branches behind them.
 
     Examples
     --------
@@ -499,8 +555,8 @@ def covariance(tables: Tables, stiffness: Matrix, damping: Matrix) -> Matrix:
     array([[1., 0.],
            [0., 1.]])
     """
-    n = len(stiffness)
-    total = np.zeros((2 * n, 2 * n))
+    branches = len(damping.times) if isinstance(damping, RelaxingDamping) else 0
+    total = np.zeros((2 * len(stiffness) + branches,) * 2)
     if not tables:
         return total
     nodes, weights = quadrature(tables, stiffness, damping)
@@ -510,6 +566,9 @@ def covariance(tables: Tables, stiffness: Matrix, damping: Matrix) -> Matrix:
         for number, (table, _) in enumerate(tables):
             moved = np.sqrt(table(f) * weight)[:, None] * solved[:, :, number]
             both = np.hstack([moved, 2j * np.pi * f[:, None] * moved])
+            if isinstance(damping, RelaxingDamping):
+                rates = both[:, len(stiffness) :] @ damping.rows.T
+                both = np.hstack([both, damping.forces(2.0 * np.pi * f) * rates])
             # einsum rather than a product of matrices: no thread of BLAS changes its digits
             for part in (both.real, both.imag):
                 total += np.einsum("fi,fj->ij", part, part)
@@ -517,7 +576,7 @@ def covariance(tables: Tables, stiffness: Matrix, damping: Matrix) -> Matrix:
 
 
 def beyond(
-    tables: Tables, stiffness: Matrix, damping: Matrix, rows: Matrix
+    tables: Tables, stiffness: Matrix, damping: Damping, rows: Matrix
 ) -> tuple[Vector, Matrix]:
     """Frequencies (Hz), and the part of the velocity variance of each `rows` . q that comes from
     each frequency and above, (frequencies, rows)."""
@@ -550,7 +609,7 @@ def bin_variances(table: Table, length: float, count: int) -> Vector:
 
 
 def bin_amplitudes(
-    table: Table, force: Force, stiffness: Matrix, damping: Matrix, length: float, count: int
+    table: Table, force: Force, stiffness: Matrix, damping: Damping, length: float, count: int
 ) -> tuple[Waves, Matrix]:
     """Amplitudes B of the bins k = 1 ... count - 1, and the contributions of each bin to E q'^2.
 

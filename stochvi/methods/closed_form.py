@@ -525,7 +525,7 @@ class Solution(NamedTuple):
 
 def unmet_by_several(model: Model) -> list[str]:
     """The conditions of a closed form that a model of any structure does not meet."""
-    found = functions(model) + not_gaussian(model)
+    found = functions(model, with_branches=not model.pairs) + not_gaussian(model)
     if found:
         return found
     if model.tables and model.pairs:

@@ -113,6 +113,7 @@ def residuals(
         model.tables
         or model.drawn
         or model.moves_stops
+        or model.branches
         or any(np.any(signal.direction) for signal in model.signals)
     ):
         return found

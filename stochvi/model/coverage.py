@@ -38,9 +38,12 @@ from stochvi.scenes.structures.rigid_body import (
 )
 
 
-def functions(model: Model) -> list[str]:
-    """A sentence for each function in a model, for methods that take numbers only."""
-    return nonlinear(model) + speed_restitutions(model) + rubbing(model)
+def functions(model: Model, *, with_branches: bool = False) -> list[str]:
+    """A sentence for each function in a model, for methods that take numbers only; see `nonlinear`
+    for `with_branches`."""
+    return (
+        nonlinear(model, with_branches=with_branches) + speed_restitutions(model) + rubbing(model)
+    )
 
 
 def compliant(model: Model) -> list[str]:
@@ -86,19 +89,43 @@ def scattered(model: Model) -> list[str]:
     ]
 
 
-def nonlinear(model: Model) -> list[str]:
-    """The sentences that a model must be linear between its stops, if it is not."""
-    if model.functions:
-        return [part.law.refusal(part.name) for part in model.functions] + moving_stops(model)
-    return functions_of_arrays(model) + moving_stops(model)
+def nonlinear(model: Model, *, with_branches: bool = False) -> list[str]:
+    """The sentences that a model must be linear between its stops, if it is not.
+
+    Parameters
+    ----------
+    with_branches
+        Whether the method takes springs that relax.
+    """
+    found = [] if with_branches else relaxing(model)
+    found += [part.law.refusal(part.name) for part in model.functions]
+    return found + functions_of_arrays(model, with_branches=True) + moving_stops(model)
 
 
-def functions_of_arrays(model: Model) -> list[str]:
+def relaxing(model: Model) -> list[str]:
+    """A sentence for each spring that relaxes, for methods whose only states are displacements and
+    velocities: all but those that say otherwise."""
+    return [
+        f"structure.spring must have a stiffness that does not depend on frequency, got kind "
+        f"'relaxation' ({name}); {FOLLOWING_RELAXATION} follow it"
+        for name in dict.fromkeys(branch.spring for branch in model.branches)
+    ]
+
+
+FOLLOWING_RELAXATION = "screen, size, and exact without stops"
+"""Commands that follow springs that relax."""
+
+
+def functions_of_arrays(model: Model, *, with_branches: bool = False) -> list[str]:
     """The sentence that spring and damper must not be those of a nonlinear oscillator, for methods
-    that compile functions: these are functions of arrays."""
-    if model.functions or (model.restoring is None and model.drag is None):
-        return []
-    return ["structure.kind must not be 'nonlinear' (a restoring force that is a function)"]
+    that compile functions: these are functions of arrays; and those of springs that relax, where
+    the method does not take them."""
+    found = [] if with_branches else relaxing(model)
+    if not (model.functions or (model.restoring is None and model.drag is None)):
+        found.append(
+            "structure.kind must not be 'nonlinear' (a restoring force that is a function)"
+        )
+    return found
 
 
 def not_apart(model: Model) -> list[str]:
@@ -113,11 +140,12 @@ def not_apart(model: Model) -> list[str]:
     ]
 
 
-def modulated(model: Model) -> list[str]:
+def modulated(model: Model, *, with_branches: bool = False) -> list[str]:
     """A sentence for each modulation and each excitation that is drawn, for methods whose structure
-    does not change in time, under Gaussian noise."""
+    does not change in time, under Gaussian noise; see `nonlinear` for `with_branches`."""
     forces = [part for part in model.functions if isinstance(part.law, ForceOfExcitation)]
-    return [part.law.refusal(part.name) for part in forces] + moving_stops(model)
+    found = [] if with_branches else relaxing(model)
+    return found + [part.law.refusal(part.name) for part in forces] + moving_stops(model)
 
 
 def not_gaussian(model: Model) -> list[str]:
@@ -671,7 +699,7 @@ def free_motion(model: Model, *, with_sines: bool = False) -> FreeMotion:
         for, no noise, a spring that is a function, or a coordinate that no spring holds or no
         damper damps.
     """
-    unmet = nonlinear(model)
+    unmet = nonlinear(model, with_branches=True)
     if model.sines and not with_sines:
         unmet.append("excitation must be noise or constant, got sine")
     unmet += without_noise(model) + not_gaussian(model)

@@ -13,7 +13,13 @@ import scipy
 from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Matrix, Vector
-from stochvi.mathematics.spectra import Tables, stationary_covariance
+from stochvi.mathematics.spectra import (
+    Damping,
+    RelaxingDamping,
+    Tables,
+    stationary_covariance,
+    with_branches,
+)
 from stochvi.mathematics.spectra import covariance as tabulated_covariance
 
 RIGID_BODY = 1e-13
@@ -31,7 +37,8 @@ stationary distribution."""
 class ModalForm(NamedTuple):
     """M q'' + C q' + K q = forces in modal coordinates, displacements = Phi q with Phi' M Phi = 1.
 
-    The state of a path is s = (q - rest, q', signals); each signal has the states f and f'/omega.
+    The state of a path is s = (q - rest, q', r, signals): r are the forces of branches, springs
+    behind dampers, r' = k v - r / tau; each signal has the states f and f'/omega.
 
     Parameters
     ----------
@@ -51,6 +58,8 @@ class ModalForm(NamedTuple):
         (first state, omega, amplitude) of the signals that are sines.
     tables
         Densities of the other noises, and the modal forces (n,) per unit of each.
+    branches
+        The branches, with `damping` as their matrix; None without any.
     """
 
     shapes: Matrix
@@ -64,11 +73,21 @@ class ModalForm(NamedTuple):
     signal_noise: Matrix
     sines: tuple[tuple[int, float, float], ...]
     tables: Tables = ()
+    branches: RelaxingDamping | None = None
 
     @property
     def size(self) -> int:
         """Number of modes, n."""
         return len(self.squares)
+
+    @property
+    def moving(self) -> int:
+        """Number of states before those of signals: 2 n, and the forces of branches."""
+        return 2 * self.size + (0 if self.branches is None else len(self.branches.times))
+
+    def relaxing(self, damping: Matrix) -> Damping:
+        """A modal damping matrix with the branches beside it."""
+        return damping if self.branches is None else self.branches._replace(matrix=damping)
 
     @property
     def kicked(self) -> bool:
@@ -82,9 +101,19 @@ class ModalForm(NamedTuple):
 
     @property
     def fastest(self) -> float:
-        """Largest frequency of a mode or a signal, rad/s."""
-        rates = [math.sqrt(float(np.max(self.squares))), *np.abs(np.linalg.eigvals(self.signals))]
-        return float(max(rates))
+        """Largest frequency of a mode or a signal, or rate of a branch, rad/s."""
+        rates = () if self.branches is None else 1.0 / self.branches.times
+        return float(max([self.frequency, *rates]))
+
+    @property
+    def frequency(self) -> float:
+        """Largest frequency of a mode or a signal, rad/s; of modes before branches relax."""
+        largest = float(np.max(self.squares))
+        if self.branches is not None:
+            rows, stiffness = self.branches.rows, self.branches.stiffness
+            at_once = np.diag(self.squares) + (rows.T * stiffness) @ rows
+            largest = float(np.linalg.eigvalsh(at_once)[-1])
+        return float(max([math.sqrt(largest), *np.abs(np.linalg.eigvals(self.signals))]))
 
     @property
     def fading(self) -> NDArray[np.int64]:
@@ -94,15 +123,18 @@ class ModalForm(NamedTuple):
             kept[first : first + 2] = False
         if len(self.signals) % 2:
             kept[-1] = False
-        return np.concatenate([np.arange(2 * self.size), 2 * self.size + np.flatnonzero(kept)])
+        return np.concatenate([np.arange(self.moving), self.moving + np.flatnonzero(kept)])
 
     def generator(self, damping: Matrix, stiffness: Matrix) -> Matrix:
         """Matrix A of s' = A s + noise with these modal matrices."""
-        n, m = self.size, len(self.signals)
-        a = np.zeros((2 * n + m, 2 * n + m))
-        a[:n, n : 2 * n] = np.eye(n)
-        a[n : 2 * n] = np.hstack([-stiffness, -damping, self.coupling])
-        a[2 * n :, 2 * n :] = self.signals
+        n, first = self.size, self.moving
+        a = np.zeros((first + len(self.signals),) * 2)
+        motion = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -damping]])
+        if self.branches is not None:
+            motion = with_branches(motion, self.branches)
+        a[:first, :first] = motion
+        a[n : 2 * n, first:] = self.coupling
+        a[first:, first:] = self.signals
         return a
 
     @property
@@ -111,13 +143,43 @@ class ModalForm(NamedTuple):
         damping = np.zeros_like(self.damping) if self.kicked else self.damping
         return self.generator(damping, np.diag(self.squares))
 
+    @property
+    def dynamic(self) -> Damping:
+        """The modal damping matrix with the branches beside it."""
+        return self.relaxing(self.damping)
+
+    def pulls(self, damping: Matrix) -> Matrix:
+        """Modal forces (n, moving) of springs, dampers and branches, from the states before those
+        of signals."""
+        own = [np.diag(self.squares), damping]
+        return np.hstack(own if self.branches is None else [*own, self.branches.rows.T])
+
     def noise(self, white: Matrix) -> Matrix:
         """Intensity matrix of all white noise on the states, with `white` on the modes."""
-        n, m = self.size, len(self.signals)
-        intensity = np.zeros((2 * n + m, 2 * n + m))
+        n, first = self.size, self.moving
+        intensity = np.zeros((first + len(self.signals),) * 2)
         intensity[n : 2 * n, n : 2 * n] = white
-        intensity[2 * n :, 2 * n :] = self.signal_noise
+        intensity[first:, first:] = self.signal_noise
         return intensity
+
+
+class Branch(NamedTuple):
+    """A branch of a spring that relaxes, r' = stiffness v - r / time, v = direction . q' its rate.
+
+    Parameters
+    ----------
+    spring
+        Name of the spring.
+    stiffness, time
+        N/m, and s.
+    direction
+        (n,), of the coordinates.
+    """
+
+    spring: str
+    stiffness: float
+    time: float
+    direction: Vector
 
 
 class LinearStructure(Protocol):
@@ -147,6 +209,9 @@ class LinearStructure(Protocol):
     @property
     def tables(self) -> Any: ...
 
+    @property
+    def branches(self) -> Any: ...
+
 
 def modal_form(model: LinearStructure) -> ModalForm:
     """A model in modal coordinates, with its signals as states."""
@@ -170,10 +235,11 @@ def modal_form(model: LinearStructure) -> ModalForm:
     if np.any(falling):
         coupling[:, -1] = falling
     directions = [pair.direction for pair in model.pairs]
+    damping = shapes.T @ model.damping @ shapes
     return ModalForm(
         shapes=shapes,
         squares=squares,
-        damping=shapes.T @ model.damping @ shapes,
+        damping=damping,
         white=_modal_white(model.white, shapes),
         gaps=np.array(directions).reshape(-1, len(squares)) @ shapes,
         rest=np.divide(load, squares, out=np.zeros_like(load), where=~free),
@@ -182,6 +248,20 @@ def modal_form(model: LinearStructure) -> ModalForm:
         signal_noise=noise,
         sines=tuple(sines),
         tables=tuple((table, shapes.T @ direction) for table, direction in model.tables),
+        branches=_branches(model.branches, damping, shapes),
+    )
+
+
+def _branches(
+    branches: Sequence[Branch], damping: Matrix, shapes: Matrix
+) -> RelaxingDamping | None:
+    if not branches:
+        return None
+    return RelaxingDamping(
+        damping,
+        np.array([each.direction for each in branches]) @ shapes,
+        np.array([each.stiffness for each in branches]),
+        np.array([each.time for each in branches]),
     )
 
 
@@ -241,7 +321,7 @@ def absolute_accelerations(modes: ModalForm, law: LinearLaw, rows: Matrix) -> Ve
     rows
         Combinations (len(rows), n) of the coordinates.
     """
-    pulls = rows @ modes.shapes @ np.hstack([np.diag(modes.squares), modes.damping])
+    pulls = rows @ modes.shapes @ modes.pulls(modes.damping)
     return np.array([law.variances(pull, 0) for pull in pulls])
 
 
@@ -272,18 +352,23 @@ def linear_law(modes: ModalForm, substitutes: Sequence[EquivalentLinear] = ()) -
     inner = generator[np.ix_(fading, fading)]
     slowest = float(np.min(-np.linalg.eigvals(inner).real))
     fastest = math.sqrt(float(np.linalg.eigvalsh(stiffness)[-1]))
-    if slowest <= UNSTABLE * max(fastest, modes.fastest):
+    if slowest <= UNSTABLE * max(fastest, modes.frequency):
         return None
     covariance = np.zeros_like(generator)
     noise = modes.noise(modes.white)[np.ix_(fading, fading)]
     # scaled to units in which every entry is a rate: displacements and signals may have any size
     size = np.ones(len(generator))
-    reference = max(fastest, modes.fastest)
+    reference = max(fastest, modes.frequency)
     size[:n] = 1.0 / reference
+    first = modes.moving
+    if modes.branches is not None:
+        _, rows, strength, times = modes.branches
+        remembered = np.minimum(times, 1.0 / reference)
+        size[2 * n : first] = strength * np.linalg.norm(rows, axis=1) * remembered
     pull = np.max(np.abs(modes.coupling), axis=0)
     pairs = len(modes.signals) // 2
     pull[1 : 2 * pairs : 2] = pull[0 : 2 * pairs : 2]  # f' / omega is of the size of f
-    size[2 * n :] = np.divide(reference, pull, out=np.ones_like(pull), where=pull > 0.0)
+    size[first:] = np.divide(reference, pull, out=np.ones_like(pull), where=pull > 0.0)
     size = size[fading]
     with warnings.catch_warnings():
         # decay rates of very different size cost digits, but a rough law needs few
@@ -291,11 +376,12 @@ def linear_law(modes: ModalForm, substitutes: Sequence[EquivalentLinear] = ()) -
         scaled = stationary_covariance(inner * size / size[:, None], noise / np.outer(size, size))
     covariance[np.ix_(fading, fading)] = scaled * np.outer(size, size)
     if modes.tables:
-        covariance[: 2 * n, : 2 * n] += tabulated_covariance(modes.tables, stiffness, damping)
+        relaxing = modes.relaxing(damping)
+        covariance[:first, :first] += tabulated_covariance(modes.tables, stiffness, relaxing)
     waves = []
-    for first, omega, amplitude in modes.sines:
+    for number, omega, amplitude in modes.sines:
         wave = np.zeros(len(generator), complex)
-        wave[2 * n + first], wave[2 * n + first + 1] = amplitude, 1j * amplitude
+        wave[first + number], wave[first + number + 1] = amplitude, 1j * amplitude
         forced = generator[np.ix_(fading, np.arange(len(generator)))] @ wave
         wave[fading] = np.linalg.solve(1j * omega * np.eye(len(fading)) - inner, forced)
         waves.append(wave)

@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import Filter, Force, InputMatrix, Table
 from stochvi.mathematics.unsteady_noise import FastPeaks, RandomLevel
-from stochvi.model.modal import ModalForm, modal_form
+from stochvi.model.modal import Branch, ModalForm, modal_form
 from stochvi.results.errors import SceneError
-from stochvi.scenes.characteristics import Characteristic
+from stochvi.scenes.characteristics import Characteristic, RelaxationSpring
 from stochvi.scenes.excitations import (
     BASE,
     ConstantLoad,
@@ -357,7 +357,7 @@ class Model:
         Rows (n,) by name: displacements row . q that are reported besides the coordinates.
     rates
         omega (rad/s) and b (1/s) of one oscillator, 0 where `restoring` or `drag` holds the force;
-        None for several coordinates.
+        None for several coordinates, or branches.
     followers
         Displacements of other points per unit of that of the only coordinate, by name, where one
         mode is described by its gap.
@@ -368,6 +368,8 @@ class Model:
         functions of the displacement alone or the velocity alone. They include the linear parts.
     functions
         Springs and dampers that are functions; `stiffness` and `damping` leave them out.
+    branches
+        Branches of springs that relax; `stiffness` holds the rest of these springs.
     sampled_modulations
         Densities of the relative changes that are tabulated noise, 1/Hz.
     level
@@ -409,6 +411,7 @@ class Model:
     potential: PerUnitMass | None = None
     drag: PerUnitMass | None = None
     functions: tuple[FunctionOfMotion, ...] = ()
+    branches: tuple[Branch, ...] = ()
     sampled_modulations: tuple[Table, ...] = ()
     level: RandomLevel | None = None
     drawn: tuple[tuple[Pulses | FastPeaks, Vector], ...] = ()
@@ -628,7 +631,7 @@ class Model:
         Gibbs distribution exp(-H / theta).
         """
         coloured = self.signals or self.tables or self.drawn
-        if self.functions or coloured or not np.any(self.damping):
+        if self.functions or self.branches or coloured or not np.any(self.damping):
             return None
         theta = float(np.trace(self.white) / np.trace(self.damping) / 2.0)
         wanted = 2.0 * theta * self.damping
@@ -825,8 +828,13 @@ def _build_model(scene: Scene) -> Model:
         level=scene.random_level,
         drawn=tuple(_drawn(scene, shaken)),
     )
-    if structure.functions:
-        model = _with_functions(model, structure.functions)
+    placed: dict[bool, list[Placed]] = {True: [], False: []}
+    for each in structure.functions:
+        placed[isinstance(each.law, RelaxationSpring)].append(each)
+    if placed[True]:
+        model = _with_branches(model, placed[True])
+    if placed[False]:
+        model = _with_functions(model, placed[False])
     if scene.modulations:
         model = _with_modulations(model, scene)
     model = _with_drives(model, shaken)
@@ -835,6 +843,21 @@ def _build_model(scene: Scene) -> Model:
     if references:
         return _seen_from(model, references, motions)
     return _at_its_gap(scene, model) if len(mass) == 1 and model.points else model
+
+
+def _with_branches(model: Model, placed: Sequence[Placed]) -> Model:
+    """A model with the static stiffnesses and the branches of springs that relax."""
+    stiffness, branches = model.stiffness.copy(), list[Branch]()
+    for part in placed:
+        assert isinstance(part.law, RelaxationSpring)
+        stiffness += part.count * part.law.stiffness * np.outer(part.row, part.row)
+        for strength, time in part.law.branches:
+            if strength:
+                branches.append(Branch(part.name, part.count * strength, time, part.row))
+    rates = None
+    if model.rates is not None and not branches:
+        rates = (math.sqrt(stiffness[0, 0] / model.unit_mass), model.rates[1])
+    return replace(model, stiffness=stiffness, branches=tuple(branches), rates=rates)
 
 
 def _with_functions(model: Model, placed: Sequence[Placed]) -> Model:
@@ -852,7 +875,7 @@ def _with_functions(model: Model, placed: Sequence[Placed]) -> Model:
     )
     model = replace(model, functions=functions)
     apart = all(part.law.needs != "both" for part in functions)
-    if len(model.coordinates) > 1 or not apart:
+    if len(model.coordinates) > 1 or not apart or model.branches:
         return model
     mass, (omega, b) = model.unit_mass, model._rates
     springs = [part for part in functions if part.law.needs == "displacement"]
@@ -1002,7 +1025,6 @@ def _at_its_gap(scene: Scene, model: Model) -> Model:
     if not row[0]:
         return model
     share = float(row[0])
-    assert model.rates is not None
     return replace(
         model,
         coordinates=(name,),
@@ -1018,6 +1040,7 @@ def _at_its_gap(scene: Scene, model: Model) -> Model:
         functions=tuple(
             replace(part, direction=part.direction / share) for part in model.functions
         ),
+        branches=tuple(each._replace(direction=each.direction / share) for each in model.branches),
         base={axis: share * moved for axis, moved in model.base.items()},
         points={},
         followers={
@@ -1040,7 +1063,7 @@ def _seen_from(model: Model, references: list[int], motions: Matrix) -> Model:
         model.stiffness[inner],
     )
     rates = None
-    if len(kept) == 1:
+    if len(kept) == 1 and not model.branches:
         rates = (math.sqrt(stiffness[0, 0] / mass[0, 0]), float(damping[0, 0] / mass[0, 0]))
     return replace(
         model,
@@ -1068,6 +1091,7 @@ def _seen_from(model: Model, references: list[int], motions: Matrix) -> Model:
             )
             for part in model.functions
         ),
+        branches=tuple(each._replace(direction=each.direction[kept]) for each in model.branches),
         base={axis: row[kept] for axis, row in model.base.items()},
         rates=rates,
     )

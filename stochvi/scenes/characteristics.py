@@ -1,6 +1,6 @@
 """Springs and dampers that are functions, and switched drives, as a user writes them. Chapters:
-base classes; Bouc-Wen hysteresis; Coulomb friction; Duffing; polynomials; Rayleigh; the switched
-drive; a force of one's own; tables; van der Pol; the types `Spring` and `Damper`."""
+base classes; Bouc-Wen hysteresis; Coulomb friction; Duffing; polynomials; Rayleigh; relaxation; the
+switched drive; a force of one's own; tables; van der Pol; the types `Spring` and `Damper`."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, PrivateAttr, field_serializer, model_validator
 
-from stochvi.mathematics.numerics import Vector, gauss_panels
+from stochvi.mathematics.numerics import Vector, Waves, gauss_panels
 from stochvi.results.errors import SceneError
 from stochvi.scenes.impact_laws.compliant import check_columns, with_columns
 from stochvi.scenes.validation import (
     Checked,
     Function,
+    Matrix,
     NonNegative,
     Number,
     Numbers,
@@ -652,6 +653,82 @@ class Rayleigh(DamperForce):
 
 
 # ------------------------------------------------------------------------------
+# Rubber: a spring whose stiffness and loss depend on the frequency.
+# ------------------------------------------------------------------------------
+
+
+class RelaxationSpring(SpringForce):
+    """A linear spring beside branches that relax, as of rubber (Maxwell, Zener, Prony).
+
+    Each branch is a spring of stiffness k_i behind a damper k_i tau_i. At the rate v of the
+    displacement x
+
+        F = stiffness x + sum r_i,    r_i' = k_i v - r_i / tau_i,
+
+    so that the dynamic stiffness is stiffness + sum k_i i w tau_i / (1 + i w tau_i).
+
+    Parameters
+    ----------
+    stiffness
+        Static stiffness, N/m, which adds to that of the structure.
+    branches
+        Stiffness k_i, N/m, and relaxation time tau_i, s, of each branch.
+    on, between, axis
+        Where it acts: on a coordinate or point, between two, or along an axis of the mounts of a
+        box.
+
+    See Also
+    --------
+    stochvi.scenes.BoucWen : Hysteresis, which depends on the amplitude.
+
+    Examples
+    --------
+    >>> rubber = RelaxationSpring(stiffness=2e5, branches=[[5e4, 0.01]])
+    >>> [f"{abs(each):.0f}" for each in rubber.dynamic_stiffness([0.0, 15.915494, 1e6])]
+    ['200000', '226385', '250000']
+    """
+
+    word: ClassVar[str] = "relaxing"
+
+    kind: Literal["relaxation"] = "relaxation"
+    stiffness: NonNegative
+    branches: Matrix = ()
+
+    @model_validator(mode="after")
+    def _relaxes(self) -> Self:
+        for number, branch in enumerate(self.branches, 1):
+            if len(branch) != 2 or branch[0] < 0.0 or branch[1] <= 0.0:
+                raise ValueError(
+                    "needs branches of a stiffness of at least 0 (N/m) and a relaxation time above "
+                    f"0 (s), got {list(branch)} as branch {number}"
+                )
+        return self
+
+    def dynamic_stiffness(self, frequency_hz: ArrayLike) -> Waves:
+        """Complex dynamic stiffness at frequencies, N/m."""
+        turns = 2j * math.pi * np.asarray(frequency_hz, float)
+        relaxing = (k * turns * time / (1.0 + turns * time) for k, time in self.branches)
+        return np.asarray(sum(relaxing, self.stiffness + 0.0 * turns))
+
+    def force_at(self, displacement: ArrayLike, velocity: ArrayLike = 0.0) -> Vector:
+        """Static force, N; that of the branches depends on the past."""
+        return self.stiffness * np.asarray(displacement, float)
+
+    def potential_at(self, displacement: ArrayLike) -> Vector:
+        return np.asarray(0.5 * self.stiffness * np.asarray(displacement, float) ** 2)
+
+    @property
+    def strengths(self) -> Sequence[float]:
+        return self.stiffness, *(number for branch in self.branches for number in branch)
+
+    def compiled(self, mass: float) -> Any:
+        """The static spring; branches are states of the flow, and no function of kernels."""
+        from stochvi.engine.characteristics import PolynomialSpring
+
+        return PolynomialSpring.of(np.array([self.stiffness / mass]))
+
+
+# ------------------------------------------------------------------------------
 # A drive that switches by the motion.
 # ------------------------------------------------------------------------------
 
@@ -1085,6 +1162,7 @@ __all__ = [
     "PolynomialDamper",
     "PolynomialSpring",
     "Rayleigh",
+    "RelaxationSpring",
     "Relay",
     "Spring",
     "SpringFunction",

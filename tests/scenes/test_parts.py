@@ -87,6 +87,7 @@ KEYS: dict[str, dict[str, Any]] = {
     "SpringTable": {"deflection": [-1.0, 0.2, 0.9], "force": [-3.0, 0.1, 2.0]},
     "SpringFunction": {"force": lambda x, v: math.sinh(x) + 0.2 * v},
     "BoucWen": {"stiffness": 2.0, "yield_displacement": 0.3},
+    "RelaxationSpring": {"stiffness": 2.0, "branches": [[0.5, 0.1]]},
     "PolynomialDamper": {"coefficients": [0.1, 0.5]},
     "Coulomb": {"force": 0.3},
     "Rayleigh": {"linear_damping": -0.4, "cubic_damping": 0.7},
@@ -95,7 +96,7 @@ KEYS: dict[str, dict[str, Any]] = {
 }
 """Keys of one member of each class; a new class needs an entry, or its tests fail."""
 
-WITHOUT_UNIT = ("exponent", "beta", "coefficients")
+WITHOUT_UNIT = ("exponent", "beta", "coefficients", "branches")
 
 
 def classes(base: type[Characteristic] = Characteristic) -> list[type[Characteristic]]:
@@ -236,6 +237,24 @@ def test_a_table_comes_from_a_file_beside_the_scene(tmp_path: Path) -> None:
             "spring needs force that rises in the first and the last piece",
         ),
         ({"spring": lambda x: x}, "needs force that takes a displacement"),
+        (
+            {"spring": {"kind": "relaxation", "stiffness": 1.0, "branches": [[1.0, 1.0], [2.0]]}},
+            "spring needs branches of a stiffness of at least 0 (N/m) and a relaxation time above "
+            "0 (s), got [2.0] as branch 2",
+        ),
+        (
+            {"spring": {"kind": "relaxation", "stiffness": 1.0, "branches": [[1.0, 0.0]]}},
+            "got [1.0, 0.0] as branch 1",
+        ),
+        (
+            {"spring": {"kind": "relaxation", "stiffness": 1.0, "branches": [[-1.0, 1.0]]}},
+            "got [-1.0, 1.0] as branch 1",
+        ),
+        (
+            {"spring": {"kind": "relaxation", "stiffness": -1.0, "branches": [[1.0, 1.0]]}},
+            "spring.stiffness must be at least 0, got -1",
+        ),
+        ({"spring": {"kind": "relaxation", "branches": 3.0}}, "spring.stiffness is missing"),
     ],
 )  # fmt: skip
 def test_faults_are_named(keys: dict[str, Any], sentence: str) -> None:

@@ -882,7 +882,7 @@ class TotalRisk:
 
 def has_one_gap(model: Model) -> bool:
     """Whether a model is one mass with one gap, whose curve of risk says all."""
-    return model.single
+    return model.single and not model.branches
 
 
 def nominal_sizing(scene: Scene, asked: Question) -> Sizing:
@@ -890,7 +890,7 @@ def nominal_sizing(scene: Scene, asked: Question) -> Sizing:
     allowed = asked.tolerances or Tolerances.of(scene)
     try:
         model = model_of(scene)
-        if conditions := modulated(model):
+        if conditions := modulated(model, with_branches=True):
             raise NotApplicable("size", conditions)
         check_at(scene, asked.target, asked.at)
         alone = has_one_gap(model)

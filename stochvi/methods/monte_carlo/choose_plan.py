@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 
 from stochvi.engine.arithmetic import COLUMNS, Log
 from stochvi.mathematics.numerics import Matrix, Vector, Waves
-from stochvi.mathematics.spectra import Table, Tables, beyond, bin_amplitudes, eigenvalues, gains
+from stochvi.mathematics.spectra import (
+    Table,
+    Tables,
+    beyond,
+    bin_amplitudes,
+    damping_at,
+    eigenvalues,
+    gains,
+)
 from stochvi.mathematics.units import density_from_intensity
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE
 from stochvi.methods.monte_carlo.kernels.modes import fill_modal_spectrum
@@ -806,7 +814,7 @@ class GapResponse:
         """Complex amplitudes of each bin, (bins, gaps, tables); the last quarter is scaled up, so
         that the velocity variance beyond the bins is not lost."""
         count = self.samples // 2
-        matrices = np.diag(self.modes.squares), self.modes.damping
+        matrices = np.diag(self.modes.squares), self.modes.dynamic
         found = [
             bin_amplitudes(table, force, *matrices, self.block_length, count)[0]
             for table, force in self.tables
@@ -861,7 +869,7 @@ class GapResponse:
         assert pulses.shock is not None
         fine = FINER * self.samples
         f = np.arange(fine // 2 + 1) / self.block_length
-        moved = gains(f, np.diag(self.modes.squares), self.modes.damping, force) @ rows.T
+        moved = gains(f, np.diag(self.modes.squares), self.modes.dynamic, force) @ rows.T
         moved *= (pulses.size * pulses.shock.transform(2.0 * np.pi * f))[:, None]
         found = [
             scipy.fft.irfft((2j * np.pi * f[:, None]) ** order * moved, fine, axis=0)[::FINER]
@@ -887,13 +895,15 @@ def plan_gaps(model: Model, directions: Matrix) -> GapResponse:
     shares = modes.gaps**2 * np.diag(moving)
     carrying = np.any(shares >= CARRIES * velocities[:, None], axis=0)
     fastest = math.sqrt(float(np.max(modes.squares[carrying])))
-    damped = eigenvalues(np.diag(modes.squares), modes.damping)
+    damped = eigenvalues(np.diag(modes.squares), modes.dynamic)
+    if modes.branches is not None:
+        fastest = max(fastest, float(damped.imag.max()))
     relaxation = float(np.max(-1.0 / damped.real))
     tables = with_tables(model).modal.tables
     modes = modes._replace(tables=tables)
     length = _block_length(modes, BLOCK_RELAXATIONS * max(relaxation, 1.0 / fastest))
     rate = SAMPLES_PER_PERIOD * fastest / (2.0 * math.pi)
-    frequency, left = beyond(tables, np.diag(modes.squares), modes.damping, modes.gaps)
+    frequency, left = beyond(tables, np.diag(modes.squares), modes.dynamic, modes.gaps)
     enough = np.flatnonzero(np.all(left <= LARGEST_LOSS * left[0], axis=1))
     cut = float(frequency[enough[0]] if len(enough) else frequency[-1])
     needed = max(rate, 2.0 * cut) * length
@@ -927,6 +937,11 @@ def with_tables(model: Model) -> Model:
     for signal in model.without_sines().signals:
         tables.append((_filtered(signal, slowest), signal.direction))
     widest = float(np.max(np.diag(modes.damping)))
+    if modes.branches is not None:
+        damped = eigenvalues(np.diag(modes.squares), modes.dynamic)
+        fastest = max(fastest, float(damped.imag.max()))
+        (relaxing,) = damping_at(modes.dynamic, np.array([slowest]))
+        widest = float(np.max(np.diag(relaxing.real)))
     highest = max(
         widest / (math.pi**2 * WHITE_LOSS), SAMPLES_PER_PERIOD * fastest / (2.0 * math.pi)
     )

@@ -23,6 +23,7 @@ from stochvi.mathematics.spectra import (
     bin_amplitudes,
     bin_variances,
     covariance,
+    damping_at,
     eigenvalues,
 )
 from stochvi.methods.monte_carlo.kernels.modes import (
@@ -591,10 +592,10 @@ class ModalTablesPlan(ModalContactsPlan):
         if not self.modes.tables:
             return np.zeros((count - 1, self.modes.size, 0), complex)
         for table, force in self.modes.tables:
-            matrices = np.diag(self.modes.squares), self.modes.damping
+            matrices = np.diag(self.modes.squares), self.modes.dynamic
             found.append(bin_amplitudes(table, force, *matrices, self.block_length, count)[0])
             whole = covariance([(table, force)], *matrices)
-            missing += np.diag(whole)[self.modes.size :]
+            missing += np.diag(whole)[self.modes.size : 2 * self.modes.size]
         waves: Waves = np.stack(found, axis=2)
         omega2 = (2.0 * np.pi / self.block_length * np.arange(1, count)) ** 2
         velocities = omega2[:, None] * np.sum(np.abs(waves) ** 2, axis=2)
@@ -697,7 +698,8 @@ class ModalTablesPlan(ModalContactsPlan):
     def _stiffness(self, first: int, last: int) -> Waves:
         """Dynamic stiffness of the modes in the bins first, first + 1, ... before `last`."""
         w = self._bin_frequency * np.arange(first, last)[:, None, None]
-        squares, damping = np.diag(self.modes.squares), self.modes.damping
+        squares = np.diag(self.modes.squares)
+        damping = damping_at(self.modes.dynamic, w[:, 0, 0].astype(float))
         return np.asarray(squares - w**2 * np.eye(len(squares)) + 1j * w * damping)
 
 
@@ -884,10 +886,10 @@ def _resonance_length(modes: ModalForm) -> float:
     """Length of a block in s whose bins resolve every resonance; NotApplicable for one without
     damping."""
     found = [0.0]
-    for value in eigenvalues(np.diag(modes.squares), modes.damping):
-        if abs(value) <= UNSTABLE * modes.fastest:
+    for value in eigenvalues(np.diag(modes.squares), modes.dynamic):
+        if abs(value) <= UNSTABLE * modes.frequency:
             continue  # a loose mass has no resonance
-        if -value.real <= UNSTABLE * modes.fastest:
+        if -value.real <= UNSTABLE * modes.frequency:
             raise NotApplicable(
                 "simulate",
                 [f"tabulated noise needs damping > 0 in every mode, got none at "
@@ -906,9 +908,9 @@ def _block_length(modes: ModalForm, shortest: float) -> float:
     for _ in range(MOST_DOUBLINGS):
         error = 0.0
         for table, force in modes.tables:
-            highest = max(modes.fastest / math.pi, 2.0 * float(table.frequency_hz[0]))
+            highest = max(modes.frequency / math.pi, 2.0 * float(table.frequency_hz[0]))
             count = math.ceil(min(highest * length, MOST_SAMPLES / 2)) + 2
-            waves, exact = bin_amplitudes(table, force, stiffness, modes.damping, length, count)
+            waves, exact = bin_amplitudes(table, force, stiffness, modes.dynamic, length, count)
             omega2 = (2.0 * np.pi / length * np.arange(1, count)) ** 2
             found = omega2[:, None] * np.abs(waves) ** 2
             total = np.maximum(exact.sum(axis=0), np.finfo(float).tiny)
@@ -939,7 +941,7 @@ def _samples(modes: ModalForm, length: float, rate: float, on_stops: Sequence[fl
     rows: Vector = np.vstack([modes.shapes, modes.gaps])
     cut = 0.0
     if modes.tables:
-        frequency, left = beyond(modes.tables, np.diag(modes.squares), modes.damping, rows)
+        frequency, left = beyond(modes.tables, np.diag(modes.squares), modes.dynamic, rows)
         share = left / np.maximum(left[0], np.finfo(float).tiny)
         enough = np.flatnonzero(np.all(share <= LARGEST_LOSS, axis=1))
         cut = float(frequency[enough[0]] if len(enough) else frequency[-1])
