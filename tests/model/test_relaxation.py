@@ -208,9 +208,9 @@ def test_limits_are_plain_springs_and_dampers(branch: list[float], plain: Any) -
 
 
 def clearance_of(scene: Scene, ask: dict[str, Any]) -> Estimate:
-    found = size(scene, **ask)
-    # one mass on springs that relax is answered as structures are, by pairs
-    return found["stops"].clearance if model_of(scene).branches else found.clearance
+    answer = size(scene, **ask)["stops"].clearance
+    assert isinstance(answer, Estimate)
+    return answer
 
 
 def test_sizes_of_the_limit_of_a_damper_agree() -> None:
