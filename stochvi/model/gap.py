@@ -50,8 +50,8 @@ class Gap:
     ...     omega=2.0, damping_rate=0.1, load=1.0,
     ...     upper=Stop(UPPER, 3.0, Restitution(coefficient=0.8)),
     ... )
-    >>> gap.mirrored().lower.position, gap.scaled(origin=1.0, length=2.0, speed=4.0).upper.position
-    (-3.0, 1.0)
+    >>> gap.scaled(origin=1.0, length=2.0, speed=4.0).upper.position
+    1.0
     """
 
     omega: float
@@ -133,15 +133,6 @@ class Gap:
             return math.inf
         return self.upper.position - self.lower.position
 
-    def mirrored(self) -> Self:
-        """The same gap with x pointing the other way."""
-        return replace(
-            self,
-            load=-self.load,
-            lower=None if self.upper is None else _mirrored(self.upper),
-            upper=None if self.lower is None else _mirrored(self.lower),
-        )
-
     def from_rest(self, rest: float) -> Self:
         """The same gap with x measured from the rest position, m, which takes the load."""
         return replace(
@@ -175,10 +166,6 @@ class Gap:
             lower=self.lower and _scaled(self.lower, origin, length, time),
             upper=self.upper and _scaled(self.upper, origin, length, time),
         )
-
-
-def _mirrored(stop: Stop) -> Stop:
-    return Stop(-stop.side, -stop.position, stop.law)
 
 
 def _moved(stop: Stop, origin: float) -> Stop:
@@ -823,6 +810,19 @@ class OscillatorArrays(NamedTuple):
     def take(self, places: Booleans | NDArray[np.intp] | slice) -> OscillatorArrays:
         """Some of the oscillators, by index, by mask or by slice."""
         return OscillatorArrays._make(column[..., places] for column in self)
+
+    def scaled(self, origin: Vector, length: Vector, speed: Vector) -> OscillatorArrays:
+        """The same oscillators, each with x measured from its origin, in units of its length (m)
+        and speed (m/s)."""
+        time = length / speed
+        return OscillatorArrays(
+            omega=self.omega * time,
+            damping_rate=self.damping_rate * time,
+            intensity=self.intensity * time / speed**2,
+            load=(self.load - self.omega**2 * origin) * time / speed,
+            positions=(self.positions - origin) / length,
+            restitutions=self.restitutions,
+        )
 
     @property
     def elastic(self) -> Booleans:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple, Self
 
@@ -21,7 +21,7 @@ from stochvi.mathematics.impact_rates import (
 )
 from stochvi.mathematics.spectra import response_moments
 from stochvi.model.build_response import StationaryMoments
-from stochvi.model.gap import Gap, GibbsLaw
+from stochvi.model.gap import Gap, GibbsLaw, OscillatorArrays
 from stochvi.model.model import LOWER, UPPER, Stop
 from stochvi.results.errors import NotConverged
 from stochvi.scenes.impact_laws import CompliantLaw, Elastic, Law, Viscoelastic
@@ -37,7 +37,8 @@ Unknowns = NDArray[np.float64]
 
 
 class Candidate(NamedTuple):
-    """A response, and the linearised stops that it calls for, per unit mass.
+    """A response, and the linearised stops that it calls for, per unit mass; numbers, or arrays of
+    many.
 
     `stop_force`, `stiffness` and `damping` are m_F, k and beta; `density_at_mean` is the density of
     x at its mean.
@@ -111,14 +112,9 @@ def linear_moments(gap: Gap, stiffness: float, damping: float) -> tuple[float, f
     return displacement, velocity
 
 
-@dataclass(frozen=True, kw_only=True)
-class Frame:
-    """Origin and units in which the elastic law at speed s has mean 0 and deviation 1, s = 1.
+class Frame(NamedTuple):
+    """Origin and units in which the elastic law at speed s has mean 0 and deviation 1, s = 1."""
 
-    A single stop is made the upper one by mirroring x.
-    """
-
-    mirrored: bool
     origin: float
     length: float
     speed: float
@@ -126,39 +122,35 @@ class Frame:
     @classmethod
     def of(cls, gap: Gap, speed: float) -> Self:
         """The frame of a gap at a speed, m/s."""
-        mirrored = gap.upper is None
-        law = gibbs_law(gap.mirrored() if mirrored else gap, speed)
-        return cls(mirrored=mirrored, origin=law.mean, length=math.sqrt(law.variance), speed=speed)
+        law = gibbs_law(gap, speed)
+        return cls(law.mean, math.sqrt(law.variance), speed)
 
     def shrink(self, gap: Gap) -> Gap:
         """The same gap in the units of the frame."""
-        if self.mirrored:
-            gap = gap.mirrored()
         return gap.scaled(origin=self.origin, length=self.length, speed=self.speed)
 
     def grow(self, candidate: Candidate) -> Candidate:
-        """A candidate back in SI units."""
+        """A candidate back in SI units; numbers, or arrays with an entry for each frame of many."""
         frequency = self.speed / self.length
-        sign = -1 if self.mirrored else 1
         return candidate._replace(
-            mean=sign * (self.origin + self.length * candidate.mean),
+            mean=self.origin + self.length * candidate.mean,
             variance=candidate.variance * self.length**2,
             velocity_mean_square=candidate.velocity_mean_square * self.speed**2,
             density_at_mean=candidate.density_at_mean / self.length,
-            stop_force=sign * candidate.stop_force * self.speed * frequency,
+            stop_force=candidate.stop_force * self.speed * frequency,
             stiffness=candidate.stiffness * frequency**2,
             damping=candidate.damping * frequency,
             hits={
-                sign * side: StopStatistics(
+                side: StopStatistics(
                     hits.rate * frequency,
                     # the book's form "force" has None here
-                    hits.speed_rate and hits.speed_rate * frequency * self.speed,
+                    None if hits.speed_rate is None else hits.speed_rate * frequency * self.speed,
                     hits.speed_square_rate * frequency * self.speed**2,
                 )
                 for side, hits in candidate.hits.items()
             },
             contacts={
-                sign * side: ContactStatistics(
+                side: ContactStatistics(
                     probability=contact.probability,
                     force=contact.force * self.speed * frequency,
                     peak_force=None,
@@ -365,20 +357,28 @@ def _problem(form: Form, gap: Gap) -> Problem:
             with np.errstate(all="ignore"):
                 candidate = form.candidate(gap, unknowns)
                 moments = linear_moments(gap, candidate.stiffness, candidate.damping)
-            total_stiffness = gap.omega**2 + candidate.stiffness
-            force = gap.omega**2 * candidate.mean + candidate.stop_force - gap.load
-            found = np.array(
-                [
-                    force / (total_stiffness * math.sqrt(candidate.variance)),
-                    math.log(candidate.variance / moments[0]) / 2.0,
-                    math.log(candidate.velocity_mean_square / moments[1]) / 2.0,
-                ]
-            )[3 - len(unknowns) :]
+                found = imbalances(gap, candidate, moments)[3 - len(unknowns) :]
         except (ValueError, ZeroDivisionError, OverflowError):
             return np.full(len(unknowns), INFEASIBLE)
         return np.where(np.isfinite(found), found, INFEASIBLE)
 
     return imbalance
+
+
+def imbalances(
+    gap: Gap | OscillatorArrays, candidate: Candidate, moments: tuple[float, float]
+) -> Unknowns:
+    """Imbalances of the mean force and of the variances of x and v, which the linear system gives;
+    with an entry for each of many."""
+    total_stiffness = gap.omega**2 + candidate.stiffness
+    force = gap.omega**2 * candidate.mean + candidate.stop_force - gap.load
+    return np.array(
+        [
+            force / (total_stiffness * np.sqrt(candidate.variance)),
+            np.log(candidate.variance / moments[0]) / 2.0,
+            np.log(candidate.velocity_mean_square / moments[1]) / 2.0,
+        ]
+    )
 
 
 def root(problem: Problem, start: Unknowns, *, patient: bool = True) -> Unknowns | None:

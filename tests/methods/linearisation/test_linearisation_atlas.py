@@ -410,12 +410,9 @@ def test_laws_agree_with_those_of_one_scene() -> None:
         law = TruncatedNormal(
             slope=slope[k], curvature=curvature[k], lower=float(lower[k]), upper=float(upper[k])
         )
-        centred = law._quadrature[0] - (law.mean - law.peak)
         deviation = math.sqrt(law.variance)
         assert found.mean[k] == pytest.approx(law.mean, abs=1e-10 * deviation)
         assert found.variance[k] == pytest.approx(law.variance, rel=1e-10)
-        assert found.third[k] == pytest.approx(law.expect(centred**3), abs=1e-9 * deviation**3)
-        assert found.fourth[k] == pytest.approx(law.expect(centred**4), rel=1e-9)
         for stop, density in ((upper[k], found.upper[k]), (lower[k], found.lower[k])):
             assert density == pytest.approx(law.density_at(float(stop)), rel=1e-9, abs=1e-290)
 
