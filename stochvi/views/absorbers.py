@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,11 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stochvi.absorbers.design import AbsorberSine, Design, tuned_key
-from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.units import LENGTH
 from stochvi.results.estimates import Estimate, plus_minus
 from stochvi.results.files import Origin, origin_of
-from stochvi.views.axes import COLOURS, add_grid, axes_or_new, length_unit, plain_ticks
+from stochvi.views.axes import BAND_ALPHA, COLOURS, FREQUENCY, Chart, Scale, length_of, panels
 from stochvi.views.pages import (
     Fact,
     Grid,
@@ -46,7 +46,7 @@ harm."""
 SIZE = (7.0, 4.2)
 """Size of a figure, inches."""
 
-RATIO_LABEL = "rms displacement with / without absorber"
+RATIO = Scale("rms displacement with / without absorber")
 
 
 # ------------------------------------------------------------------------------
@@ -346,9 +346,9 @@ def _tunings(found: AbsorberSine) -> list[Grid]:
     return Grid.by(
         "best tuning at the frequency of the scene",
         {
-            "what": lambda curve, _: _name(curve),
+            "what": lambda curve, _: _over(curve).label,
             "what may last": _lasting,
-            "best": lambda curve, at: float(_shown(curve)[at]),
+            "best": lambda curve, at: float(_over(curve).quantity(curve.value)[at]),
             "ratio": lambda curve, at: float(curve.worst[at]),
             "first harmonics": lambda curve, at: float(curve.first_harmonic[at]),
         },
@@ -366,19 +366,11 @@ def _lasting(curve: ResidualCurve, number: int) -> str:
     return ", ".join(name for name, there in seen.items() if there) or "no impacts"
 
 
-def _name(curve: ResidualCurve) -> str:
-    """The name of the varied number, with its unit where that is known."""
+def _over(curve: ResidualCurve) -> Scale:
+    """The varied number in words, with its unit where that is known."""
     if curve.key == "frequency_hz":
-        return "frequency (Hz)"
-    name, quantity = tuned_key(curve.key)
-    return quantity.heading(name)
-
-
-def _shown(curve: ResidualCurve) -> Vector:
-    """The varied numbers in the unit that is shown."""
-    known = curve.key == "frequency_hz"
-    shown: Vector = curve.value if known else tuned_key(curve.key)[1](curve.value)
-    return shown
+        return FREQUENCY._replace(log=False)
+    return Scale(*tuned_key(curve.key))
 
 
 # ------------------------------------------------------------------------------
@@ -540,96 +532,75 @@ def _footer(cost: Cost) -> list[str]:
 
 def draw_levels(found: AbsorberReport, ax: Axes | None = None) -> Axes:
     """rms ratio against level, with 95 % intervals."""
-    ax = axes_or_new(ax, SIZE)
-    levels = np.array([each.level_db for each in found.performances])
+    levels = [each.level_db for each in found.performances]
     limits = [(each.ratio.value, *each.interval()) for each in found.performances]
-    ax.set_xlabel("level of the excitation (dB)")
-    return _draw_ratios(ax, found, levels, limits)
+    chart = Chart.on(ax, Scale("level of the excitation (dB)"), RATIO, SIZE)
+    return _draw_ratios(chart, found, levels, limits)
 
 
 def draw_plays(found: AbsorberReport, ax: Axes | None = None) -> Axes:
     """rms ratio against the total play of the box, with 95 % intervals; the scene's own play and
     the tuned damper of the same mass are marked."""
-    ax = axes_or_new(ax, SIZE)
     curve = found.play_curve
     known = [each.play for each in curve if each.play is not None]
-    unit, name = length_unit(max(known)) if known else (1.0, "")
-    plays = np.array(known) / unit if known else np.array([each.play_factor for each in curve])
+    of = Scale("play over that of the scene")
+    if known:
+        of = Scale("total play of the box", length_of(max(known)))
+    plays = known or [each.play_factor for each in curve]
+    chart = Chart.on(ax, of, RATIO, SIZE)
     own = float(np.interp(1.0, [each.play_factor for each in curve], plays))
-    ax.axvline(own, color=COLOURS["stop"], linestyle=":", linewidth=1.0)
-    ax.text(own, 0.02, " this box", color=COLOURS["stop"])
-    ax.set_xlabel(f"total play of the box ({name})" if known else "play over that of the scene")
-    limits = [(each.ratio.value, each.low, each.high) for each in curve]
-    return _draw_ratios(ax, found, plays, limits)
+    chart.at(own, "this box", style=":")
+    return _draw_ratios(
+        chart, found, plays, [(each.ratio.value, each.low, each.high) for each in curve]
+    )
 
 
 def _draw_ratios(
-    ax: Axes, found: AbsorberReport, x: Vector, limits: Sequence[tuple[float, float, float]]
-) -> Axes:
+    chart: Chart, found: AbsorberReport, x: Sequence[float],
+    limits: Sequence[tuple[float, float, float]],
+) -> Axes:  # fmt: skip
     """Ratios with their 95 % limits, beside those without absorber and of a tuned damper."""
     ratios, low, high = np.array(limits).T
-    ax.errorbar(
-        x, ratios, yerr=[ratios - low, high - ratios], fmt="o-", capsize=3,
-        color=COLOURS["simulate"],
-    )  # fmt: skip
-    ax.axhline(1.0, color=COLOURS["stop"], linestyle="--", linewidth=1.0)
-    ax.text(x[0], 1.0, "no absorber", va="bottom", color=COLOURS["stop"])
-    ax.set_ylabel(RATIO_LABEL)
-    ax.set_ylim(0.0, max(1.1, 1.05 * float(high.max())))
-    _draw_tuned(ax, found.tuned_damper)
-    ax.set_title(f"absorber of {100.0 * found.mass_ratio:.3g} % of the mass")
-    return ax
+    words = f"absorber of {100.0 * found.mass_ratio:.3g} % of the mass"
+    chart.points(x, ratios, words, form="o-", low=low, high=high)
+    chart.level(1.0, "no absorber", style="--")
+    _draw_tuned(chart, found.tuned_damper)
+    chart.ax.set_ylim(0.0, max(1.1, 1.05 * float(high.max())))
+    return chart.finish()
 
 
-def _draw_tuned(ax: Axes, found: TunedDamper | None) -> None:
+def _draw_tuned(chart: Chart, found: TunedDamper | None) -> None:
     """Draw the ratio of the tuned damper of the same mass as a horizontal line."""
     if found is not None:
-        ax.axhline(found.ratio, color=COLOURS["exact"], linestyle="-.", linewidth=1.0)
-        ax.annotate(
-            "tuned damper of the same mass", (1.0, found.ratio), (-4.0, -3.0),
-            xycoords=("axes fraction", "data"), textcoords="offset points", ha="right", va="top",
-            color=COLOURS["exact"],
-        )  # fmt: skip
+        chart.level(found.ratio, "tuned damper of the same mass", "exact", "-.")
 
 
 def draw_design(found: Design, ax: Axes | None = None) -> Axes:
     """rms ratio against play for every candidate, and the best box with its interval."""
     from matplotlib import colormaps
 
-    ax = axes_or_new(ax, SIZE)
-    unit, name = length_unit(found.best.play)
-    shades = colormaps["viridis"]
+    best = found.best
+    play = Scale("total play of the box", length_of(best.play), log=True)
+    chart = Chart.on(ax, play, RATIO, SIZE)
     laws, splits = (sorted(found.curve[name].unique()) for name in ("restitution", "units"))
     for (restitution, units), rows in found.curve.groupby(["restitution", "units"]):
         points = rows.sort_values("play")
-        shade = 0.85 * laws.index(restitution) / max(len(laws) - 1, 1)
-        ax.errorbar(
-            points["play"] / unit, points["rms_ratio"], yerr=2.0 * points["rms_ratio_error"],
-            marker="o", linestyle=("-", "--", ":", "-.")[splits.index(units) % 4],
-            markersize=3.5, linewidth=1.2, capsize=2, color=shades(shade),
-            label=f"R = {restitution:g}" + ("" if units == 1 else f", {units} units"),
-        )  # fmt: skip
-    best = found.best
-    ax.axvspan(
-        best.low / unit, best.high / unit, color=COLOURS["stop"], alpha=0.25, linewidth=0,
-        label="as good as the best",
-    )  # fmt: skip
-    ax.set_xscale("log")
-    ticks = [t for t in (0.5, 1, 2, 5, 10, 20, 50, 100) if ax.get_xlim()[0] < t < ax.get_xlim()[1]]
-    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-    ax.minorticks_off()
-    ax.set_xlabel(f"total play of the box ({name})")
-    ax.set_ylabel(RATIO_LABEL)
-    ax.set_ylim(0.0, 1.05)
-    _draw_tuned(ax, found.tuned_damper)
-    ax.legend(frameon=False)
-    return ax
+        shade = colormaps["viridis"](0.85 * laws.index(restitution) / max(len(laws) - 1, 1))
+        style = ("-", "--", ":", "-.")[splits.index(units) % 4]
+        words = f"R = {restitution:g}" + ("" if units == 1 else f", {units} units")
+        chart.column(points, "play", "rms_ratio", words, shade, f"o{style}", capsize=2)
+    low, high = (play.quantity(each) for each in (best.low, best.high))
+    words = "as good as the best"
+    chart.ax.axvspan(low, high, color=COLOURS["stop"], alpha=BAND_ALPHA, linewidth=0, label=words)
+    _draw_tuned(chart, found.tuned_damper)
+    chart.ax.set_ylim(0.0, 1.05)
+    return chart.finish(3)
 
 
 PANEL = (7.0, 3.2)
 """Width of a figure and height of each of its panels, inches."""
 
-LABEL = "largest displacement\nwith / without absorber"
+LEFT = Scale("largest displacement\nwith / without absorber", log=True)
 
 LOWEST = 1e-3
 """Smallest ratio that a picture shows."""
@@ -638,42 +609,21 @@ LOWEST = 1e-3
 def plot_absorber_sine(found: AbsorberSine, ax: Axes | None = None) -> Axes:
     """Draw the ratio that the absorber leaves over frequency, and over each number that is
     tuned; given Axes get that over frequency alone."""
-    import matplotlib.pyplot as plt
-
-    if ax is not None:
-        return plot_residual(found.frequency, ax)
-    curves = (found.frequency, *found.tuning)
-    size = PANEL[0], PANEL[1] * len(curves)
-    _, axes = plt.subplots(len(curves), 1, figsize=size, squeeze=False, layout="constrained")
-    for panel, curve in zip(axes[:, 0], curves, strict=True):
-        plot_residual(curve, panel)
-    first: Axes = axes[0, 0]
-    first.set_title(f"absorber of {100.0 * found.mass_ratio:.3g} % of the mass, {found.carrier}")
-    return first
+    draw = [partial(_draw_residual, curve) for curve in (found.frequency, *found.tuning)]
+    title = f"absorber of {100.0 * found.mass_ratio:.3g} % of the mass, {found.carrier}"
+    return panels(ax, draw, (PANEL[0], PANEL[1] * len(draw)), title, sharex=False)
 
 
-def plot_residual(curve: ResidualCurve, ax: Axes) -> Axes:
+def _draw_residual(curve: ResidualCurve, ax: Axes) -> None:
     """Least and largest ratio of the motions that may last, and that of the first harmonics."""
-    x, best, worst = _shown(curve), curve.best, curve.worst
-    marker = "o" if len(x) < 3 else ""
-    ax.fill_between(x, best, worst, color=COLOURS["simulate"], alpha=0.25, linewidth=0)
-    ax.semilogy(x, worst, f"-{marker}", color=COLOURS["simulate"], label="largest that may last")
-    ax.semilogy(x, best, f"--{marker}", color=COLOURS["simulate"], label="least that may last")
-    ax.semilogy(
-        x, curve.first_harmonic, f":{marker}", color=COLOURS["exact"],
-        label="first harmonics, stable regime",
-    )  # fmt: skip
+    x, best, worst = curve.value, curve.best, curve.worst
+    over = _over(curve)._replace(log=len(x) > 1 and x[-1] > 5.0 * x[0] > 0.0)
+    chart = Chart(ax, over, LEFT)
+    chart.curve(x, worst, "largest that may last", low=best, high=worst)
+    chart.curve(x, best, "least that may last", style="--")
+    chart.curve(x, curve.first_harmonic, "first harmonics, stable regime", "exact", ":")
     clusters = ~curve.periodic
-    ax.semilogy(
-        x[clusters], worst[clusters], ".", color=COLOURS["linearise:closure"], label="clusters"
-    )  # fmt: skip
-    ax.axhline(1.0, color=COLOURS["stop"], linestyle="--", linewidth=1.0)
-    if len(x) > 1 and x[0] > 0.0 and x[-1] / x[0] > 5.0:
-        ax.set_xscale("log")
-    ax.set_xlabel(_name(curve))
-    ax.set_ylabel(LABEL)
+    chart.points(x[clusters], worst[clusters], "clusters", "linearise:closure", ".")
+    chart.level(1.0, None, style="--")
+    chart.finish()
     ax.set_ylim(bottom=max(LOWEST, ax.get_ylim()[0]))
-    plain_ticks(ax)
-    ax.legend(fontsize="small", frameon=False)
-    add_grid(ax)
-    return ax

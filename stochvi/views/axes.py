@@ -1,16 +1,19 @@
-"""What all pictures share. Chapters: colours; styles; axes, units, stops, grid and legend."""
+"""What all pictures share. Chapters: colours; styles; axes, units, stops, grid and legend; charts
+with described scales."""
 
 from __future__ import annotations
 
 import itertools
 import textwrap
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
 from stochvi.mathematics.numerics import Vector
-from stochvi.mathematics.units import LENGTH, TIME
+from stochvi.mathematics.units import LENGTH, NUMBER, TIME, ShownQuantity, Size
+from stochvi.results.base import DataFrame
+from stochvi.results.estimates import GAUSSIAN_95
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -115,6 +118,9 @@ COLUMN, HEADROOM, THINNER = 3.35, 0.6, 0.6
 """Width of a column of a paper (85 mm) and height that its larger letters need, inches; lines and
 marks of a paper by those on a screen."""
 
+NO_BREAK = "\u00a0%"
+"""What stands for per cent while lines are broken: its number stays with it."""
+
 SPARE_LETTERS = 5
 """Letters by which a line of a broken label may be longer than the mean of its lines."""
 
@@ -209,9 +215,10 @@ def _wrap_labels(ax: Axes) -> None:
         length = getattr(text.get_window_extent(), side)
         if length > most:
             letters = max(8, int(max(map(len, words.splitlines())) * most / length))
-            words = " ".join(words.split())
+            words = " ".join(words.split()).replace(" %", NO_BREAK)
             lines = -(-len(words) // letters)
-            text.set_text(textwrap.fill(words, min(letters, len(words) // lines + SPARE_LETTERS)))
+            words = textwrap.fill(words, min(letters, len(words) // lines + SPARE_LETTERS))
+            text.set_text(words.replace(NO_BREAK, " %"))
 
 
 # ------------------------------------------------------------------------------
@@ -224,9 +231,9 @@ def _wrap_labels(ax: Axes) -> None:
 LENGTH_UNITS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"))
 """Units of length that axes may have: length of the unit in metres, and its name."""
 
-SCREEN, PAGE = (6.4, 4.0), (5.2, 3.5)
-"""Sizes of figures in inches: for a screen, and for half the width of a page, where letters of 10
-points read well on a telephone too."""
+SCREEN, PAGE, TALL = (6.4, 4.0), (5.2, 3.5), (5.2, 4.4)
+"""Sizes of figures in inches: for a screen, and two for half the width of a page, where letters of
+10 points read well on a telephone too."""
 
 PLAIN_NUMBERS = (1e-4, 2e4)
 """A logarithmic axis within these limits is labelled by numbers, another one by powers of ten."""
@@ -253,6 +260,9 @@ neighbours."""
 
 EXCERPT_PERIODS = 20
 """Mean periods of a motion around its shock that a picture shows: in many more, x(t) is a comb."""
+
+LETTERS_OF_AN_INCH, LEAST_LETTERS = 14, 10
+"""Number of letters in an inch of a label, of a usual size, and least number in its lines."""
 
 LEGEND_COLUMNS = 2
 """Number of columns of a legend: more do not fit above a picture of half a page."""
@@ -409,14 +419,6 @@ def around_shock(time: Vector, x: Vector, shock: float | None) -> slice:
     return slice(first, first + number)
 
 
-def seconds_of(part: slice, time: Vector) -> str:
-    """Label of the axis of time of an excerpt of samples: which part of the whole it is."""
-    whole = len(time) <= part.stop - part.start
-    return (
-        f"time ({TIME})" if whole else f"time ({TIME}), a part of {TIME.text(time[-1] - time[0])}"
-    )
-
-
 def plain_ticks(ax: Axes) -> None:
     """Label logarithmic axes by plain numbers, few enough that they do not collide."""
     from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
@@ -432,18 +434,249 @@ def plain_ticks(ax: Axes) -> None:
                 axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
 
 
-def label_for_page(ax: Axes, x: str, y: str, *, legend: bool = True) -> None:
-    """Label the axes of a picture on a page, with a grid and a legend above the picture."""
-    plain_ticks(ax)
-    ax.set_xlabel(x)
-    ax.set_ylabel(y)
-    add_grid(ax)
-    ax.set_axisbelow(True)
-    if legend:
-        legend_above(ax, LEGEND_COLUMNS)
-
-
 def legend_above(ax: Axes, columns: int = 3, **more: Any) -> None:
     """The legend above Axes, where it hides nothing."""
+    # above the label of a second scale, the distance is one of letters
+    more |= {"borderaxespad": 5.0} if ax.child_axes else {}
     more |= {"frameon": False, "fontsize": "small", "loc": "lower center"}
     ax.legend(bbox_to_anchor=(0.5, 1.0), ncols=columns, **more)
+
+
+# ------------------------------------------------------------------------------
+# Charts: axes with described scales, on which everything is drawn in SI numbers.
+# ------------------------------------------------------------------------------
+
+
+class Scale(NamedTuple):
+    """What an axis shows: the words and the quantity of a number, and whether it is logarithmic."""
+
+    words: str
+    quantity: ShownQuantity = NUMBER
+    log: bool = False
+
+    @property
+    def label(self) -> str:
+        """The words with the unit that is shown."""
+        return self.quantity.heading(self.words)
+
+
+FREQUENCY = Scale("frequency", ShownQuantity("frequency", Size("Hz", 1.0)), log=True)
+
+
+def time_of(part: slice, time: Vector) -> Scale:
+    """The scale of an excerpt of samples: which part of the whole it is."""
+    start, end, _ = part.indices(len(time))
+    whole = len(time) <= end - start
+    return Scale("time" if whole else f"time, a part of {TIME.text(time[-1] - time[0])}", TIME)
+
+
+def length_of(size: float) -> ShownQuantity:
+    """Lengths of this size: in the chosen unit, or in one that reads well."""
+    unit, name = length_unit(size)
+    return ShownQuantity("length", Size(name, unit))
+
+
+def density_of(quantity: ShownQuantity, *, log: bool = False) -> Scale:
+    """The probability density of a quantity."""
+    inverse = Size(quantity.inverse, 1.0 / quantity.shown.si)
+    return Scale("probability density", ShownQuantity("density", inverse), log)
+
+
+class Chart(NamedTuple):
+    """Axes whose scales know their words and units.
+
+    What is drawn is given in SI units, with a label for the legend and a colour, or the name of one
+    in `COLOURS`. Bounds, where they are given, become a band of a curve and bars of points.
+    """
+
+    ax: Axes
+    x: Scale
+    y: Scale
+
+    @classmethod
+    def on(cls, ax: Axes | None, x: Scale, y: Scale, size: tuple[float, float] = SCREEN) -> Self:
+        """A chart in the axes that are given, or in those of a new figure."""
+        return cls(axes_or_new(ax, size), x, y)
+
+    def curve(
+        self, x: Any, y: Any, label: str | None = None, colour: Any = "simulate", style: Any = "-",
+        *, low: Any = None, high: Any = None, **more: Any,
+    ) -> None:  # fmt: skip
+        """A line with a band between its bounds; a mark where it has one point alone."""
+        colour, places = COLOURS.get(colour, colour), self.x.quantity(x)
+        if low is not None:
+            self.band(x, low, high, colour)
+        if len(np.atleast_1d(places)) == 1:
+            more.setdefault("marker", "o")
+        self.ax.plot(places, self.y.quantity(y), ls=style, color=colour, label=label, **more)
+
+    def band(self, x: Any, low: Any, high: Any, colour: Any, label: str | None = None) -> None:
+        """The range between two curves."""
+        self.ax.fill_between(
+            self.x.quantity(x), self.y.quantity(low), self.y.quantity(high), linewidth=0,
+            color=COLOURS.get(colour, colour), alpha=BAND_ALPHA, label=label,
+        )  # fmt: skip
+
+    def points(
+        self, x: Any, y: Any, label: str | None = None, colour: Any = "simulate", form: str = "o",
+        *, low: Any = None, high: Any = None, **more: Any,
+    ) -> None:  # fmt: skip
+        """Marks with bars between their bounds."""
+        middle, bars = self.y.quantity(y), None
+        if low is not None:
+            reach = middle - self.y.quantity(low), self.y.quantity(high) - middle
+            bars = np.maximum(reach, 0.0).reshape(2, -1)
+        look = {"capsize": 3.0, "markersize": 4.5, "color": COLOURS.get(colour, colour)} | more
+        self.ax.errorbar(self.x.quantity(x), middle, bars, fmt=form, label=label, **look)
+
+    def column(
+        self, table: DataFrame, x: str, y: str, label: str | None = None,
+        colour: Any = "simulate", form: str = "-", **more: Any,
+    ) -> None:  # fmt: skip
+        """A column of a table over another one, with the bounds that stand in columns beside it: as
+        marks where `form` is one of a mark, else as a curve."""
+        marks = form.strip("-:.") != ""
+        draw = self.points if marks else self.curve
+        draw(table[x], table[y], label, colour, form, **bounds_of(table, y), **more)
+
+    def stairs(
+        self, edges: Any, heights: Any, label: str | None = None, colour: Any = "simulate",
+        *, low: Any = 0.0, **more: Any,
+    ) -> None:  # fmt: skip
+        """Heights over bins, filled down to `low` where it is asked for."""
+        of_bins = {"baseline": self.y.quantity(low), "color": COLOURS.get(colour, colour)}
+        self.ax.stairs(
+            self.y.quantity(heights), self.x.quantity(edges), label=label, **of_bins | more
+        )
+
+    def bar(
+        self, row: float, low: float, high: float, label: str | None = None,
+        colour: Any = "simulate", **more: Any,
+    ) -> None:  # fmt: skip
+        """A bar in a row of a list."""
+        start, end = self.x.quantity(low), self.x.quantity(high)
+        look = {"height": 0.5, "color": COLOURS.get(colour, colour)} | more
+        self.ax.barh(row, end - start, left=start, label=label, **look)
+
+    def across(
+        self, row: float, value: float | None, low: float | None, high: float | None,
+        label: str | None = None, colour: Any = "simulate",
+    ) -> None:  # fmt: skip
+        """A value with its interval in a row of a list; without a value an arrow at the one bound
+        that is known."""
+        look = {"color": COLOURS.get(colour, colour), "label": label}
+        if value is None:
+            limit, arrow = (low, ">") if high is None else (high, "<")
+            self.ax.plot(self.x.quantity(limit), row, arrow, markersize=8, **look)
+            return
+        middle = self.x.quantity(value)
+        ends = (value if low is None else low, value if high is None else high)
+        bars = np.abs(self.x.quantity(ends) - middle).reshape(2, 1)
+        self.ax.errorbar(middle, row, xerr=bars, fmt="o", capsize=3, **look)
+
+    def stop(self, row: float, place: float) -> None:
+        """A stop in a row of a list."""
+        there = [self.x.quantity(place)] * 2
+        self.ax.plot(there, [row - 0.4, row + 0.4], color=COLOURS["stop"], lw=4, label="stop")
+
+    def at(
+        self, place: float, label: str | None = None, colour: Any = "stop", style: Any = "-",
+        **more: Any,
+    ) -> None:  # fmt: skip
+        """A vertical line."""
+        look = {"color": COLOURS.get(colour, colour), "linestyle": style, "linewidth": 1.2} | more
+        self.ax.axvline(self.x.quantity(place), label=label, **look)
+
+    def level(
+        self, height: float, label: str | None = None, colour: Any = "stop", style: Any = "-",
+        **more: Any,
+    ) -> None:  # fmt: skip
+        """A horizontal line."""
+        look = {"color": COLOURS.get(colour, colour), "linestyle": style, "linewidth": 1.0} | more
+        self.ax.axhline(self.y.quantity(height), label=label, **look)
+
+    def note(
+        self, words: str, x: float, y: float, shift: tuple[float, float] = (4.0, 4.0), **look: Any
+    ) -> None:
+        """Words beside a point, so many points of print away."""
+        place = self.x.quantity(x), self.y.quantity(y)
+        look = {"textcoords": "offset points", "fontsize": "small"} | look
+        self.ax.annotate(words, place, shift, **look)
+
+    def above(self, scale: Scale, factor: float) -> None:
+        """A second scale above the axes: x in SI units, times a factor."""
+        unit = self.x.quantity.shown.si * factor / scale.quantity.shown.si
+        top = self.ax.secondary_xaxis(
+            "top", functions=(lambda x: np.asarray(x) * unit, lambda x: np.asarray(x) / unit)
+        )
+        top.set_xlabel(scale.label)
+
+    def finish(self, columns: int = LEGEND_COLUMNS, **legend: Any) -> Axes:
+        """The axes with scales, labels, a grid, and a legend of what has a label, above, in so many
+        columns; none without columns."""
+        ax = self.ax
+        ax.set(**{f"{axis}scale": "log" for axis in "xy" if getattr(self, axis).log})
+        plain_ticks(ax)
+        add_grid(ax)
+        ax.set_axisbelow(True)
+        ax.set_xlabel(self.x.label)
+        letters = int(LETTERS_OF_AN_INCH * ax.get_window_extent().height / ax.figure.dpi)
+        lines = [line.strip() for line in self.y.label.splitlines()]
+        ax.set_ylabel("\n".join(textwrap.fill(each, max(letters, LEAST_LETTERS)) for each in lines))
+        shown: dict[str, Any] = {}
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            shown.setdefault(label, handle)
+        if shown and columns:
+            named = {"labels": [*shown], "handles": [*shown.values()]}
+            legend_above(ax, columns, **named | legend)
+        return ax
+
+
+def bounds_of(table: DataFrame, name: str) -> dict[str, Any]:
+    """The 95 % bounds of a column of a table, where other columns hold them or its standard
+    error."""
+    if f"{name}_low" in table:
+        return {"low": table[f"{name}_low"], "high": table[f"{name}_high"]}
+    if f"{name}_error" in table:
+        half = GAUSSIAN_95 * table[f"{name}_error"]
+        return {"low": table[name] - half, "high": table[name] + half}
+    return {}
+
+
+def listed(ax: Axes | None, names: Sequence[str], x: Scale, row: float = 0.3) -> Chart:
+    """A chart with a named row for each entry, the first one above; `row` is a height, inches."""
+    found = Chart.on(ax, x, Scale(""), (SCREEN[0], 1.4 + row * max(len(names), 1)))
+    found.ax.set_yticks(range(len(names)), names, fontsize="small")
+    found.ax.set_ylim(len(names) - 0.4, -0.6)
+    return found
+
+
+def panels(
+    ax: Axes | None, draw: Sequence[Callable[[Axes], Any]], size: tuple[float, float],
+    title: str = "", columns: int = 1, **how: Any,
+) -> Axes:  # fmt: skip
+    """Draw panels in rows of so many columns; one column shares its scale. In axes that are given,
+    the first panel alone. Returns the first Axes."""
+    if ax is not None:
+        draw[0](ax)
+        return ax
+    import matplotlib.pyplot as plt
+
+    how = {"sharex": columns == 1} | how
+    figure, grid = plt.subplots(
+        -(-len(draw) // columns), columns, figsize=size, squeeze=False, layout="constrained", **how
+    )
+    for number, panel in enumerate(grid.flat):
+        if number >= len(draw):
+            panel.remove()
+            continue
+        draw[number](panel)
+        if how["sharex"] and number + columns < len(draw):
+            panel.set_xlabel("")
+        elif how["sharex"]:  # there may be none below that shows the numbers
+            panel.tick_params(labelbottom=True)
+        if how.get("sharey") and number % columns:
+            panel.set_ylabel("")
+    figure.suptitle(title, fontsize="medium")
+    first: Axes = grid[0, 0]
+    return first

@@ -3,9 +3,9 @@ stationary density."""
 
 from __future__ import annotations
 
-import math
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
@@ -17,29 +17,34 @@ from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.units import (
     ACCELERATION,
     METRES,
+    MILLIRADIANS,
     RATE,
     SI_ACCELERATION,
     SPEED,
     TIME,
+    ShownQuantity,
+    Size,
     shown_as,
 )
 from stochvi.results.base import ROTATIONS, DataFrame, Response, in_angles, quantities_of
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.views.axes import (
-    BAND_ALPHA,
     COLOURS,
     OWNERS,
-    add_grid,
+    SCREEN,
+    Chart,
+    Scale,
+    around_shock,
     as_written,
-    axes_or_new,
-    draw_stop_bands,
+    density_of,
     draw_stops,
-    legend_above,
+    length_of,
     length_unit,
     owner_colours,
-    plain_ticks,
+    panels,
     thinned,
+    time_of,
 )
 from stochvi.views.files import write_bytes
 from stochvi.views.pages import Grid, Told, told_of
@@ -102,7 +107,6 @@ def plot_first_passage(found: FirstPassage, ax: Axes | None = None) -> Axes:
     Both axes are logarithmic. `found` shows its own times as marks; the line between them is
     drawn where there are many.
     """
-    ax = axes_or_new(ax)
     times = np.array(found.times)
     chances = np.array([estimate.value for estimate in found.probability])
     order = np.argsort(times)
@@ -112,29 +116,19 @@ def plot_first_passage(found: FirstPassage, ax: Axes | None = None) -> Axes:
     last = times[shown[-1]]
     first = times[shown[0]] if len(shown) > 1 else last / SINGLE_TIME_SPAN
     grid = np.geomspace(first, last, 201)
-    rates = [("rate in the end, from the first moment", found.decay_rate, "-")]
+    chance = Scale("P(first passage before t)", log=True)
+    chart = Chart.on(ax, Scale("time", TIME, log=True), chance)
+    by_end = -np.expm1(-found.decay_rate.value * grid)
+    chart.curve(grid, by_end, "rate in the end, from the first moment", "stop")
     if found.rice_rate is not None:
-        rates.append(("Rice, no memory", found.rice_rate, "--"))
-    for label, rate, style in rates:
-        ax.plot(
-            TIME(grid), -np.expm1(-rate.value * grid), color=COLOURS["stop"], linestyle=style,
-            linewidth=1.3, label=label,
-        )  # fmt: skip
-    ax.plot(
-        TIME(times[shown]), chances[shown], "o-", color=COLOURS["fokker-planck"], linewidth=1.8,
-        markersize=3.0 if len(shown) > MANY_TIMES else 5.5, label=f"start: {found.start}",
-    )  # fmt: skip
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    low = min(chances[shown].min(), -np.expm1(-found.decay_rate.value * grid[0]))
+        chart.curve(grid, -np.expm1(-found.rice_rate.value * grid), "Rice, no memory", "stop", "--")
+    size = 3.0 if len(shown) > MANY_TIMES else 5.5
+    words = f"start: {found.start}"
+    chart.curve(times[shown], chances[shown], words, "fokker-planck", marker="o", markersize=size)
+    low = min(chances[shown].min(), by_end[0])
     # a probability is never above 1
-    ax.set_ylim(max(low / 2.0, FAINTEST * chances[shown].max()), 2.0)
-    ax.set_xlabel(f"time ({TIME})")
-    ax.set_ylabel("P(first passage before t)")
-    plain_ticks(ax)
-    add_grid(ax)
-    ax.legend(frameon=False, loc="lower right")
-    return ax
+    chart.ax.set_ylim(max(low / 2.0, FAINTEST * chances[shown].max()), 2.0)
+    return chart.finish()
 
 
 # ------------------------------------------------------------------------------
@@ -148,82 +142,42 @@ CURVE_POINTS = 801
 
 def plot_displacement_density(found: Overview, ax: Axes | None = None) -> Axes:
     """The histogram, the exact density where one is known, the law without stops, the stops."""
-    ax = axes_or_new(ax)
-    edges = found.displacement.edges
-    unit, name = length_unit(float(np.abs(edges[[0, -1]]).max()))
-    ax.stairs(
-        found.displacement.density * unit, edges / unit, fill=True, color=COLOURS["simulate"],
-        alpha=0.45, label="Monte Carlo",
-    )  # fmt: skip
-    if found.exact_displacement is not None:
-        known = found.exact_displacement
-        ax.plot(
-            known["displacement"] / unit, known["density"] * unit, color=COLOURS["exact"],
-            linewidth=1.8, label="exact",
-        )  # fmt: skip
+    edges, known = found.displacement.edges, found.exact_displacement
+    length = length_of(float(np.abs(edges[[0, -1]]).max()))
+    chart = Chart.on(ax, Scale("displacement", length), density_of(length))
+    chart.stairs(edges, found.displacement.density, "Monte Carlo", fill=True, alpha=0.45)
+    if known is not None:
+        chart.curve(known["displacement"], known["density"], "exact", "exact", linewidth=1.8)
     if found.std_without_stops is not None:
         x = np.linspace(edges[0], edges[-1], CURVE_POINTS)
         density = normal_density(x, found.mean_without_stops, found.std_without_stops)
-        ax.plot(
-            x / unit, density * unit, color=COLOURS["stop"], linestyle="--", linewidth=1.4,
-            label="without stops",
-        )  # fmt: skip
-    ax.set_ylim(bottom=0.0)
-    draw_stops(ax, found.scene, unit, vertical=True)
-    ax.set_xlabel(f"displacement ({name})")
-    ax.set_ylabel(f"probability density (1/{name})")
-    legend_above(ax)
-    return ax
+        chart.curve(x, density, "without stops", "stop", "--")
+    chart.ax.set_ylim(bottom=0.0)
+    draw_stops(chart.ax, found.scene, length.shown.si, vertical=True)
+    return chart.finish(3)
 
 
 def plot_velocity_density(found: Overview, ax: Axes | None = None) -> Axes:
     """The histogram and a normal distribution: the exact one or, where none is known, that of its
     rms."""
-    ax = axes_or_new(ax)
-    edges, unit = found.velocity.edges, SPEED.shown.si
-    ax.stairs(
-        found.velocity.density * unit, edges / unit, fill=True, color=COLOURS["simulate"],
-        alpha=0.45, label="Monte Carlo",
-    )  # fmt: skip
+    edges, known = found.velocity.edges, found.exact_velocity_std
+    chart = Chart.on(ax, Scale("velocity", SPEED), density_of(SPEED))
+    chart.stairs(edges, found.velocity.density, "Monte Carlo", fill=True, alpha=0.45)
     v = np.linspace(edges[0], edges[-1], CURVE_POINTS)
-    if found.exact_velocity_std is None:
-        ax.plot(
-            v / unit, normal_density(v, 0.0, found.velocity_rms) * unit, color=COLOURS["stop"],
-            linestyle="--", linewidth=1.4, label="normal distribution, same rms",
-        )  # fmt: skip
-    else:
-        density = normal_density(v, 0.0, found.exact_velocity_std)
-        ax.plot(v / unit, density * unit, color=COLOURS["exact"], linewidth=1.8, label="exact")
-    ax.set_xlabel(f"velocity ({SPEED})")
-    ax.set_ylabel(f"probability density ({SPEED.inverse})")
-    legend_above(ax)
-    return ax
+    density = normal_density(v, 0.0, found.velocity_rms if known is None else known)
+    same = "normal distribution, same rms"
+    chart.curve(v, density, *((same, "stop", "--") if known is None else ("exact", "exact")))
+    return chart.finish(3)
 
 
 def plot_record(scene: Scene, path: DataFrame, ax: Axes | None = None) -> Axes:
     """A short record with its impacts marked on the stops, sized by impact speed."""
-    ax = axes_or_new(ax)
-    unit, name = length_unit(float(path["displacement"].abs().max()))
-    ax.plot(
-        TIME(path["time"]), path["displacement"] / unit, color=COLOURS["simulate"], linewidth=1.1
-    )
     hits = path[path["impact_speed"] != 0.0]
-    if len(hits):
-        pair = scene.impact_pairs[0]
-        place = np.where(hits["impact_speed"] > 0.0, pair.upper or 0.0, pair.lower or 0.0)
-        size = hits["impact_speed"].abs() / hits["impact_speed"].abs().max()
-        ax.scatter(
-            TIME(hits["time"]), place / unit, s=12.0 + 60.0 * size,
-            color=COLOURS["linearise:closure"], edgecolor="white", linewidth=0.6, zorder=3,
-            label=f"{len(hits)} impacts, larger = faster" if len(hits) > 1 else "1 impact",
-        )  # fmt: skip
-    draw_stops(ax, scene, unit, vertical=False)
-    ax.set_xlim(TIME(path["time"].iloc[0]), TIME(path["time"].iloc[-1]))
-    ax.set_xlabel(f"time ({TIME})")
-    ax.set_ylabel(f"displacement ({name})")
-    if len(hits):
-        legend_above(ax)
-    return ax
+    sides = np.where(hits["impact_speed"] > 0.0, "upper", "lower")
+    hits = hits.assign(side=sides, speed=hits["impact_speed"].abs())
+    hits["pair"] = next((pair.name for pair in scene.impact_pairs), "")
+    time, x = path["time"].to_numpy(), path["displacement"].to_numpy()
+    return draw_motion(ax, time, {"x": x}, stops_of(scene.impact_pairs), hits).finish()
 
 
 def draw_overview(found: Overview, title: str) -> Axes:
@@ -240,19 +194,85 @@ def draw_overview(found: Overview, title: str) -> Axes:
 
 
 # ------------------------------------------------------------------------------
-# One realisation on a terminal, as a picture of its motion and impacts, and as an animation.
+# Motions in time: of a realisation, of a replay and of an overview.
 # ------------------------------------------------------------------------------
 
 
 MOST_MARKS = 1000
-"""Largest number of impacts of a pair that are marked. If there are more, the fastest in each of so
-many equal intervals is marked."""
+"""Largest number of impacts that are marked. If there are more, the fastest in each of so many
+equal intervals is marked."""
 
 SMALLEST_MARK, MARK_GROWTH = 10.0, 50.0
 """Area of the mark of an impact at speed 0, and addition to it for the fastest impact, points^2."""
 
-MOST_COLUMNS = 8
-"""Largest number of names beside each other in a legend."""
+
+def draw_motion(
+    ax: Axes | None, time: Vector, curves: Mapping[str, Vector], stops: Mapping[str, float],
+    hits: DataFrame, part: slice = slice(None), y: Scale | None = None,
+    size: tuple[float, float] = SCREEN,
+) -> Chart:  # fmt: skip
+    """A part of motions (m), rotations in mrad, between stops and with the impacts on them.
+
+    Stops (m) are named by pair and side, "NAME SIDE". Impacts have the columns time, pair, side and
+    speed; the mark of a faster one is larger.
+    Long motions are drawn by the smallest and largest values of neighbouring samples.
+    """
+    mixed = y is None
+    if y is None:
+        moved = [float(np.abs(x[part]).max()) for n, x in curves.items() if n not in ROTATIONS]
+        y = Scale("displacement", length_of(max(moved, default=1.0)))
+    chart = Chart.on(ax, time_of(part, time), y, size)
+    for colour, (name, x) in zip(owner_colours(len(curves)), curves.items(), strict=True):
+        turns = mixed and name in ROTATIONS
+        own = chart._replace(y=Scale(name, MILLIRADIANS)) if turns else chart
+        words = None if len(curves) == 1 else own.y.label if turns else name
+        style = "--" if turns else "-"
+        own.curve(*thinned(time[part], x[part]), words, colour, style, linewidth=1.0)
+    for wall in stops.values():
+        chart.level(wall, "stops", linewidth=2.0)
+    chart.ax.margins(x=0.0)
+    names = hits["pair"].astype(str) + " " + hits["side"].astype(str)
+    place = names.map(dict(stops)).astype(float)
+    hits = hits.assign(place=place)[place.notna() & hits["time"].between(*time[part][[0, -1]])]
+    if len(hits) > MOST_MARKS:
+        interval = (hits["time"] * (MOST_MARKS / (time[-1] - time[0]))).astype(int)
+        hits = hits.loc[hits.groupby(interval)["speed"].idxmax()]
+    if len(hits):
+        chart.ax.scatter(
+            TIME(hits["time"]), y.quantity(hits["place"]), zorder=3,
+            s=SMALLEST_MARK + MARK_GROWTH * hits["speed"] / hits["speed"].max(), linewidth=0.5,
+            color=COLOURS["linearise:closure"], edgecolor="white", label=LARGER, clip_on=False,
+        )  # fmt: skip
+    return chart
+
+
+LARGER = "impacts, larger = faster"
+
+
+def stops_of(pairs: Iterable[ImpactPair]) -> dict[str, float]:
+    """Positions of stops (m), by the name of their pair and their side."""
+    return {
+        f"{pair.name} {side}": float(getattr(pair, side))
+        for pair in pairs
+        for side, _ in pair.stops()
+    }
+
+
+def excerpt(time: Vector, x: Vector, hits: DataFrame) -> slice:
+    """The part of a motion around its fastest impact."""
+    speeds = hits["speed"].to_numpy()
+    return around_shock(time, x, float(hits["time"].iloc[speeds.argmax()]) if len(hits) else None)
+
+
+def hits_of(found: History) -> DataFrame:
+    """The impacts of a realisation with the columns of those of a replay."""
+    return found.impacts.rename(columns={"time_s": "time", "speed_m_s": "speed"})
+
+
+# ------------------------------------------------------------------------------
+# One realisation on a terminal, as a picture of its motion and impacts, and as an animation.
+# ------------------------------------------------------------------------------
+
 
 FRAMES, FRAMES_PER_PERIOD, FRAMES_PER_SECOND = 120, 15, 20
 """Number of frames in an animation, in a mean period of the motion, and in a second of watching."""
@@ -302,23 +322,11 @@ def draw_history(found: History, scene: Scene, title: str = "") -> Axes:
     """Displacements and gaps with stops and impacts, and absolute accelerations below them.
 
     A coordinate between stops of its own has a panel of its own. The others share one for
-    displacements, one for rotations, and one for each point of a body. Long histories are drawn by
-    the smallest and largest values of neighbouring samples.
+    displacements, one for rotations, and one for each point of a body.
     """
-    import matplotlib.pyplot as plt
-
-    panels = [*_motion_panels(found, scene), *_acceleration_panels(found, scene)]
-    rows = len(panels)
-    figure, grid = plt.subplots(
-        rows, 1, figsize=(9.6, 2.4 * rows + 0.8), sharex=True, squeeze=False, layout="constrained"
-    )
-    for panel, ax in zip(panels, grid[:, 0], strict=True):
-        _plot_panel(found, panel, ax)
-    grid[-1, 0].set_xlabel(f"time ({TIME})")
-    grid[0, 0].margins(x=0.0)
-    figure.suptitle(title or "one realisation", fontsize="medium")
-    first: Axes = grid[0, 0]
-    return first
+    shown = [*_motion_panels(found, scene), *_acceleration_panels(found, scene)]
+    draw = [partial(_draw_panel, found, panel) for panel in shown]
+    return panels(None, draw, (9.6, 2.4 * len(draw) + 0.8), title or "one realisation")
 
 
 def _motion_panels(found: History, scene: Scene) -> list[_Panel]:
@@ -398,51 +406,25 @@ def _ends(name: str, quantity: str) -> bool:
     return name.rpartition(".")[2] == quantity
 
 
-def _plot_panel(found: History, panel: _Panel, ax: Axes) -> None:
+def _draw_panel(found: History, panel: _Panel, ax: Axes) -> None:
     """Curves in a unit that reads well, and their stops, on which the impacts are marked."""
-    time = found.samples["time_s"].to_numpy()
     curves = {label: found.samples[column].to_numpy() for label, column in panel.columns.items()}
-    unit, unit_name = _unit(found, panel, max(float(np.abs(y).max()) for y in curves.values()))
-    for (label, y), colour in zip(curves.items(), owner_colours(len(curves)), strict=True):
-        name = label if len(curves) > 1 else None
-        ax.plot(*thinned(TIME(time), y / unit), color=colour, linewidth=0.8, label=name)
-    for pair in panel.pairs:
-        hits = _fastest(found.impacts[found.impacts["pair"] == pair.name], found.duration)
-        place = np.where(hits["side"] == "upper", pair.upper or 0.0, pair.lower or 0.0)
-        ax.scatter(
-            TIME(hits["time_s"]), place / unit,
-            s=SMALLEST_MARK + MARK_GROWTH * hits["speed_m_s"] / found.impacts["speed_m_s"].max(),
-            color=COLOURS["linearise:closure"], edgecolor="white", linewidth=0.5, zorder=3,
-            label="impacts, larger = faster" if len(hits) else None,
-        )  # fmt: skip
-    draw_stop_bands(ax, panel.pairs, unit, vertical=False)
-    join = " " if "\n" in panel.words else "\n"
-    ax.set_ylabel(f"{panel.words}{join}({unit_name})")
-    add_grid(ax)
-    labels = ax.get_legend_handles_labels()[1]
-    if labels:
-        legend_above(ax, min(len(labels), MOST_COLUMNS))
+    largest = max(float(np.abs(x).max()) for x in curves.values())
+    words = panel.words if "\n" in panel.words else f"{panel.words}\n"
+    y, time = Scale(words, _quantity(found, panel, largest)), found.samples["time_s"].to_numpy()
+    chart = draw_motion(ax, time, curves, stops_of(panel.pairs), hits_of(found), y=y)
+    chart.finish(len(curves) + 2)
 
 
-def _unit(found: History, panel: _Panel, largest: float) -> tuple[float, str]:
-    """Unit of a panel, in SI, and its name: unless one is chosen, accelerations are in g where a
-    base is shaken, and in m/s^2 where forces act."""
+def _quantity(found: History, panel: _Panel, largest: float) -> ShownQuantity:
+    """The quantity of a panel: unless a unit is chosen, accelerations are in g where a base is
+    shaken, and in m/s^2 where forces act."""
     if not _ends(next(iter(panel.columns.values())), "acceleration_m_s2"):
-        return (1e-3, "mrad") if panel.turns else length_unit(largest)
+        return MILLIRADIANS if panel.turns else length_of(largest)
     if panel.turns:
-        return 1.0, "rad/s²"
+        return ShownQuantity("angular acceleration", Size("rad/s²", 1.0))
     shaken = any(_ends(str(name), "base_acceleration_m_s2") for name in found.samples)
-    name, size = (ACCELERATION if shaken else SI_ACCELERATION).shown
-    return size, name
-
-
-def _fastest(hits: DataFrame, duration: float) -> DataFrame:
-    """The impacts to mark: all of them, or the fastest in each interval where there are more than
-    `MOST_MARKS`."""
-    if len(hits) <= MOST_MARKS:
-        return hits
-    interval = (hits["time_s"] * (MOST_MARKS / duration)).astype(int)
-    return hits.loc[hits.groupby(interval)["speed_m_s"].idxmax()]
+    return ACCELERATION if shaken else SI_ACCELERATION
 
 
 def write_animation(found: History, scene: Scene, path: Path, title: str = "") -> None:
@@ -640,26 +622,24 @@ def plot_plane(scene: Scene, found: Density, ax: Axes | None = None) -> Axes:
     slit: a mass that comes at v > 0 leaves at -R v, nearer to 0."""
     from matplotlib.colors import LogNorm
 
-    ax = axes_or_new(ax, SIZE)
-    (x, v), (unit, name) = _range(scene, found), _density_unit(scene, found)
-    p = found.density(x[None, :], v[:, None]) * unit * SPEED.shown.si
+    x, v, length = _range(scene, found)
+    chart = Chart.on(ax, Scale("displacement", length), Scale("velocity", SPEED), SIZE)
+    p = found.density(x[None, :], v[:, None]) * length.shown.si * SPEED.shown.si
     finite = p[np.isfinite(p) & (p > 0.0)]
     top = float(np.quantile(finite, 0.999))
     shown = np.where(np.isfinite(p), np.clip(p, top * 10.0**-DECADES, top), top)
-    mesh = ax.pcolormesh(
-        x / unit, SPEED(v), shown, shading="gouraud", cmap="viridis",
+    mesh = chart.ax.pcolormesh(
+        length(x), SPEED(v), shown, shading="gouraud", cmap="viridis",
         norm=LogNorm(top * 10.0**-DECADES, top), rasterized=True,
     )  # fmt: skip
-    ax.figure.colorbar(mesh, ax=ax, label=f"probability density (1/({name} {SPEED}))")
-    draw_stops(ax, scene, unit, vertical=True)
+    chart.ax.figure.colorbar(mesh, ax=chart.ax, label=f"probability density (1/({length} {SPEED}))")
+    draw_stops(chart.ax, scene, length.shown.si, vertical=True)
     rigid = [stop for side, stop in _stops(scene) if scene.impact_pairs[0].law_of(side).rigid]
     for stop in rigid:
         for low, high in ((0.0, 0.5 - SLIT), (0.5 + SLIT, 1.0)):
-            ax.axvline(stop / unit, low, high, color="black", linewidth=2.0)
-    ax.set_ylim(-SPEED(v[-1]), SPEED(v[-1]))
-    ax.set_xlabel(f"displacement ({name})")
-    ax.set_ylabel(f"velocity ({SPEED})")
-    return ax
+            chart.at(stop, None, "black", ymin=low, ymax=high, linewidth=2.0)
+    chart.ax.set_ylim(-SPEED(v[-1]), SPEED(v[-1]))
+    return chart.finish()
 
 
 def plot_impact_speeds(scene: Scene, found: Density, ax: Axes | None = None) -> Axes:
@@ -668,31 +648,28 @@ def plot_impact_speeds(scene: Scene, found: Density, ax: Axes | None = None) -> 
     Towards w = 0 the density of impact speeds goes as w^(1 - beta), with beta from
     `impact_rates.corner_exponent`: a dotted line at each rigid stop of a fixed restitution.
     """
-    ax = axes_or_new(ax, SIZE)
-    rms = _value(found, "velocity_std")
-    w = rms * np.geomspace(SLOWEST, FASTEST, DENSITY_POINTS)
+    w = _value(found, "velocity_std") * np.geomspace(SLOWEST, FASTEST, DENSITY_POINTS)
+    unit = Size(f"{RATE} per {SPEED}" if RATE.chosen or SPEED.chosen else "1/m", RATE.shown.si)
+    unit = unit._replace(si=unit.si / SPEED.shown.si)
+    flux_of = Scale("impact rate per speed", ShownQuantity("flux", unit), log=True)
+    chart = Chart.on(ax, Scale("impact speed", SPEED, log=True), flux_of, SIZE)
     colours = {"lower": COLOURS["linearise:closure"], "upper": COLOURS["fokker-planck"]}
     largest = 0.0
     for line_style, (side, _) in zip(("-", "--"), _stops(scene), strict=False):
-        flux = RATE(found.impact_flux(side, w)) * SPEED.shown.si
+        flux = found.impact_flux(side, w)
         largest = max(largest, float(np.nanmax(flux)))
         shown = np.where(flux > 0.0, flux, np.nan)
-        ax.plot(SPEED(w), shown, line_style, color=colours[side], label=f"{side} stop")
+        chart.curve(w, shown, f"{side} stop", colours[side], line_style)
         law = scene.impact_pairs[0].law_of(side)
         if isinstance(law, Restitution):
             beta = corner_exponent(law.slow_restitution)
             start, anchor = w[: DENSITY_POINTS // 2], DENSITY_POINTS // 4
             line = MARGIN * flux[anchor] * (start / w[anchor]) ** (1.0 - beta)
             text = f"w¹⁻ᵝ, β = {beta:.3g} (R = {law.coefficient})"
-            told = text in ax.get_legend_handles_labels()[1]
-            ax.plot(SPEED(start), line, ":", color=colours[side], label=None if told else text)
-    ax.set(xscale="log", yscale="log", ylim=(1e-6 * largest, 3.0 * largest))
-    ax.set_xlabel(f"impact speed ({SPEED})")
-    chosen = RATE.chosen or SPEED.chosen
-    unit = f"{RATE} per {SPEED}" if chosen else "1/m"
-    ax.set_ylabel(f"impact rate per speed ({unit})")
-    ax.legend(frameon=False)
-    return ax
+            told = text in chart.ax.get_legend_handles_labels()[1]
+            chart.curve(start, line, None if told else text, colours[side], ":")
+    chart.ax.set_ylim(chart.y.quantity((1e-6 * largest, 3.0 * largest)))
+    return chart.finish()
 
 
 def plot_marginals(
@@ -701,63 +678,47 @@ def plot_marginals(
     """Densities of displacement and velocity, each with the normal distribution of the same rms."""
     import matplotlib.pyplot as plt
 
-    if axes is None:
-        _, pair = plt.subplots(1, 2, figsize=(9.0, 3.6), layout="constrained")
-        axes = (pair[0], pair[1])
-    (x, v), (unit, name) = _range(scene, found), _density_unit(scene, found)
-    mean = _value(found, "displacement_mean")
-    curves = (
-        (axes[0], x / unit, found.displacement_density(x) * unit,
-         _normal((x - mean) / unit, _value(found, "displacement_std") / unit)),
-        (axes[1], SPEED(v), found.velocity_density(v) * SPEED.shown.si,
-         _normal(SPEED(v), SPEED(_value(found, "velocity_std")))),
-    )  # fmt: skip
-    for ax, place, density, normal in curves:
-        ax.plot(place, density, color=COLOURS["exact"], label="density")
-        ax.plot(place, normal, "--", color=COLOURS["stop"], label="normal, same rms")
+    left, right = axes or plt.subplots(1, 2, figsize=(9.0, 3.6), layout="constrained")[1]
+    x, v, length = _range(scene, found)
+    for ax, quantity, words, place, density, mean in (
+        (left, length, "displacement", x, found.displacement_density(x),
+         _value(found, "displacement_mean")),
+        (right, SPEED, "velocity", v, found.velocity_density(v), 0.0),
+    ):  # fmt: skip
+        chart = Chart.on(ax, Scale(words, quantity), density_of(quantity))
+        chart.curve(place, density, "density", "exact")
+        normal = normal_density(place, mean, _value(found, f"{words}_std"))
+        chart.curve(place, normal, "normal, same rms", "stop", "--")
+        if ax is left and hasattr(found, "bands"):  # an averaged density is approximate
+            low, high = found.bands(x)
+            chart.band(x, low, high, "exact", "where the true one lies")
         ax.set_ylim(bottom=0.0)
-    axes[0].set_ylabel(f"probability density (1/{name})")
-    axes[1].set_ylabel(f"probability density ({SPEED.inverse})")
-    if hasattr(found, "bands"):  # an averaged density is approximate
-        low, high = found.bands(x)
-        axes[0].fill_between(
-            x / unit, low * unit, high * unit, color=COLOURS["exact"], alpha=BAND_ALPHA,
-            linewidth=0, label="where the true one lies",
-        )  # fmt: skip
-        axes[0].legend(frameon=False, loc="lower center")
-    draw_stops(axes[0], scene, unit, vertical=True)
-    axes[0].set_xlabel(f"displacement ({name})")
-    axes[1].set_xlabel(f"velocity ({SPEED})")
-    axes[1].legend(frameon=False)
-    return axes
+        if ax is left:
+            draw_stops(ax, scene, length.shown.si, vertical=True)
+        chart.finish(3)
+    return left, right
 
 
 def draw_density(scene: Scene, found: Density) -> Axes:
     """The plane, the marginals and, where there are stops, the impact speeds in one figure."""
     import matplotlib.pyplot as plt
 
-    stops = bool(scene.impact_pairs)
-    figure, panels = plt.subplots(
+    figure, grid = plt.subplots(
         2, 2, figsize=(10.0, 7.6), layout="constrained", gridspec_kw={"height_ratios": (1.25, 1.0)}
     )
-    plot_plane(scene, found, panels[0, 0])
-    if stops:
-        plot_impact_speeds(scene, found, panels[0, 1])
+    plane: Axes = plot_plane(scene, found, grid[0, 0])
+    if scene.impact_pairs:
+        plot_impact_speeds(scene, found, grid[0, 1])
     else:
-        panels[0, 1].set_axis_off()
-    plot_marginals(scene, found, (panels[1, 0], panels[1, 1]))
+        grid[0, 1].set_axis_off()
+    plot_marginals(scene, found, (grid[1, 0], grid[1, 1]))
     figure.suptitle(scene.title)
-    plane: Axes = panels[0, 0]
     return plane
 
 
 def _stops(scene: Scene) -> list[tuple[str, float]]:
     """(side, position) of each stop; pictures are of scenes with at most one pair."""
-    return [
-        (side, float(getattr(pair, side)))
-        for pair in scene.impact_pairs
-        for side, _ in pair.stops()
-    ]
+    return [(name.rpartition(" ")[2], at) for name, at in stops_of(scene.impact_pairs).items()]
 
 
 def _value(found: Density, quantity: str) -> float:
@@ -767,8 +728,9 @@ def _value(found: Density, quantity: str) -> float:
     return estimate.value
 
 
-def _range(scene: Scene, found: Density) -> tuple[Vector, Vector]:
-    """Displacements and velocities that a picture shows; it ends at rigid stops."""
+def _range(scene: Scene, found: Density) -> tuple[Vector, Vector, ShownQuantity]:
+    """Displacements and velocities that a picture shows, which ends at rigid stops; and the unit of
+    the displacements."""
     mean, deviation = _value(found, "displacement_mean"), _value(found, "displacement_std")
     low, high = mean - REACH * deviation, mean + REACH * deviation
     for side, law in (stop for pair in scene.impact_pairs for stop in pair.stops()):
@@ -778,14 +740,5 @@ def _range(scene: Scene, found: Density) -> tuple[Vector, Vector]:
                 (max(low, position), high) if side == "lower" else (low, min(high, position))
             )
     fast = REACH * _value(found, "velocity_std")
-    return np.linspace(low, high, PLANE_POINTS), np.linspace(-fast, fast, PLANE_POINTS)
-
-
-def _density_unit(scene: Scene, found: Density) -> tuple[float, str]:
-    x, _ = _range(scene, found)
-    return length_unit(float(np.abs(x).max()))
-
-
-def _normal(x: Vector, deviation: float) -> Vector:
-    shape = np.exp(-0.5 * (x / deviation) ** 2)
-    return np.asarray(shape / deviation / math.sqrt(2.0 * math.pi))
+    x, v = np.linspace(low, high, PLANE_POINTS), np.linspace(-fast, fast, PLANE_POINTS)
+    return x, v, length_of(float(np.abs(x).max()))

@@ -9,8 +9,6 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from stochvi.isolators.sizing.answer import (
     HITS_PER_FIRST_HIT,
     DamageSizing,
@@ -21,7 +19,6 @@ from stochvi.isolators.tolerances import in_words
 from stochvi.mathematics.units import LENGTH, RATE, SPEED, spoken_mission
 from stochvi.results.base import DataFrame, rows_of
 from stochvi.results.estimates import (
-    GAUSSIAN_95,
     Estimate,
     capital,
     count_of,
@@ -29,13 +26,8 @@ from stochvi.results.estimates import (
     spoken_percent,
 )
 from stochvi.views.axes import (
-    BAND_ALPHA,
-    CLEARANCES,
-    COLOURS,
-    PAGE,
-    add_grid,
+    TALL,
     axes_or_new,
-    plain_ticks,
 )
 from stochvi.views.pages import (
     Grid,
@@ -47,10 +39,10 @@ from stochvi.views.pages import (
 )
 from stochvi.views.sizing import (
     plot_costs,
-    plot_pairs_clearances,
+    plot_damage_sizing,
+    plot_mission_sizing,
     plot_pairs_risk,
     plot_risk,
-    plot_sensitivity,
     plot_units,
 )
 from stochvi.views.statistics import damage_told, plot_damage
@@ -68,8 +60,6 @@ from stochvi.views.tables import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from stochvi.isolators.jolt_response import Jolts
     from stochvi.isolators.production_risk import Production
     from stochvi.isolators.record_verdict import RecordVerdict
@@ -127,8 +117,6 @@ def _changes_section(title: str, lead: str, caption: str, table: DataFrame | Non
         return Section(title=title)
     own = {"change", "sigma", "clearance_change", "probability", "note"}
     names = [str(name) for name in table if name not in own]
-    known = table.dropna(subset=["clearance_change"])
-    bars = shown(lambda: plot_sensitivity(known), "Change of the clearance, per cent.")
     return Section(
         title=title,
         lead=lead,
@@ -147,7 +135,6 @@ def _changes_section(title: str, lead: str, caption: str, table: DataFrame | Non
             },
             records(table),
         ),
-        pictures=[bars] if len(known) > 1 else [],
         notes=[f"{row['change']}: {row['note']}" for (row,) in records(table) if row["note"]],
     )
 
@@ -318,7 +305,7 @@ def _one(sizing: Sizing) -> list[Section]:
             ],
             pictures=[
                 shown(
-                    lambda: plot_risk(sizing, axes_or_new(None, PAGE)),
+                    lambda: plot_risk(sizing, axes_or_new(None, TALL)),
                     "Probability in the mission that an impact exceeds the limit, against "
                     "clearance, as simulated with the stops; grey: that of any impact."
                     if limited
@@ -399,10 +386,6 @@ def _several(sizing: Sizing) -> list[Section]:
                 ),
             ],
             pictures=[
-                shown(
-                    lambda: plot_pairs_clearances(sizing),
-                    "Clearances and the rule of three sigma.",
-                ),
                 shown(
                     lambda: plot_pairs_risk(sizing),
                     "Probability of any impact as all clearances change.",
@@ -774,72 +757,3 @@ def jolts_told(found: Jolts) -> Told:
         0,
     )
     return Told(verdict=found.summary(), sections=[Section(grids=grids)])
-
-
-# ------------------------------------------------------------------------------
-# Pictures of missions, and of ratios of damage.
-# ------------------------------------------------------------------------------
-
-
-def _mark(ax: Axes, found: ClearanceAnswer, label: str) -> None:
-    """Mark the calculated clearance and, where a record does not agree with the noise for which it
-    holds, what the record itself needs."""
-    place, record = LENGTH(found.clearance.value), found.record
-    if not found.doubtful or record is None:
-        ax.axvline(place, color=CLEARANCES["recommended"], label=label)
-        return
-    ax.axvline(place, color=COLOURS["stop"], label=f"for Gaussian noise: {label}")
-    largest = max(record.gaps, key=lambda each: each.clearance)
-    ax.axvline(
-        LENGTH(largest.clearance), color=CLEARANCES["record"],
-        label=f"the record itself: {largest.needed}",
-    )  # fmt: skip
-
-
-def plot_mission_sizing(found: MissionSizing, ax: Axes | None = None) -> Axes:
-    """Probability of any impact in the mission against the clearance."""
-    ax = axes_or_new(ax)
-    curve = found.curve
-    x = LENGTH(curve["clearance"])
-    ax.fill_between(
-        x, curve["probability_low"], curve["probability_high"], color=COLOURS["simulate"],
-        alpha=BAND_ALPHA, linewidth=0,
-    )  # fmt: skip
-    ax.plot(
-        x,
-        curve["probability"],
-        color=COLOURS["simulate"],
-        label="all phases" if len(found.phases) > 1 else None,
-    )
-    _mark(
-        ax, found,
-        f"{LENGTH.text(found.clearance.value)} keeps {spoken_percent(found.target.value)}",
-    )  # fmt: skip
-    ax.set_yscale("log")
-    ax.set_ylim(top=1.5)
-    ax.set_xlabel(f"clearance per side{found.of_widest} ({LENGTH})")
-    ax.set_ylabel(f"probability of an impact in {spoken_mission(found.mission)}")
-    add_grid(ax)
-    ax.legend(frameon=False)
-    return ax
-
-
-def plot_damage_sizing(found: DamageSizing, ax: Axes | None = None) -> Axes:
-    """Largest ratio of damage, less 1, against the clearance."""
-    ax = axes_or_new(ax)
-    tried = found.tried
-    added, half = tried["damage_ratio"] - 1.0, GAUSSIAN_95 * tried["standard_error"]
-    low = np.minimum(half, 0.99 * added)
-    ax.errorbar(
-        LENGTH(tried["clearance"]), added, yerr=[low, half], fmt="o", capsize=3,
-        color=COLOURS["simulate"], label="damage that stops add, 95 %",
-    )  # fmt: skip
-    ax.axhline(found.ratio - 1.0, color=COLOURS["stop"], linestyle="--", label="accepted")
-    _mark(ax, found, LENGTH.text(found.clearance.value))
-    ax.set_yscale("log")
-    plain_ticks(ax)
-    ax.set_xlabel(f"clearance per side{found.of_widest} ({LENGTH})")
-    ax.set_ylabel("damage that stops add / damage without")
-    add_grid(ax)
-    ax.legend(frameon=False, fontsize="small")
-    return ax

@@ -3,33 +3,38 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from stochvi.mathematics.units import LENGTH, MILLIRADIANS, SPEED, TIME, shown_as
+from stochvi.mathematics.units import (
+    LENGTH,
+    MILLIRADIANS,
+    PERCENT,
+    SPEED,
+    TIME,
+    ShownQuantity,
+    shown_as,
+)
 from stochvi.results.base import ROTATIONS, DataFrame, unit_of
 from stochvi.results.errors import StochviError
+from stochvi.verification.check import AGREES, DISAGREES
 from stochvi.views.axes import (
+    BAND_ALPHA,
     COLOURS,
-    GRID_COLOUR,
-    OWNERS,
-    SCREEN,
-    add_grid,
+    Chart,
+    Scale,
     add_title,
-    around_shock,
-    axes_or_new,
+    density_of,
     in_style,
-    legend_above,
-    length_unit,
+    length_of,
+    listed,
     owner_colours,
-    plain_ticks,
-    seconds_of,
-    thinned,
 )
+from stochvi.views.density import draw_motion, excerpt, hits_of
 from stochvi.views.pages import Grid, Told, told_of
 from stochvi.views.sizing import plot_pairs_risk, plot_risk
 from stochvi.views.tables import (
@@ -52,11 +57,8 @@ if TYPE_CHECKING:
     from stochvi.results.base import PairResponse, Response, Result
     from stochvi.statistics.densities import AveragedBins, BandedDensity
     from stochvi.statistics.histories import History
-    from stochvi.verification.check import Check, Explanation
+    from stochvi.verification.check import Check, Checks, Explanation
     from stochvi.verification.testing.judging import Judgement
-
-ROW_HEIGHT, LEAST_HEIGHT = 0.22, 1.6
-"""Heights in inches: of a row in the picture of a list, and of everything around the rows."""
 
 MOST_ROWS = 40
 """Largest number of rows of a list that a picture shows; they are those with the largest values."""
@@ -159,109 +161,97 @@ def plot_response(found: Response, ax: Axes | None = None) -> Axes:
         for name, pair in found.impact_pairs.items()
         if pair.relative_displacement_std
     ]
-    pairs = found.provenance.get("scene", {}).get("impact_pair", [])
-    single = len(found.coordinates) == 1
-    ax = axes_or_new(ax, (8.0, 1.6 + 0.6 * max(len(rows), 1)))
-    size = max((abs(float(mean or 0.0)) + float(std) for _, mean, std in rows), default=1.0)
+    sizes = [abs(float(mean or 0.0)) + float(std) for _, mean, std in rows]
     turns = any(name in ROTATIONS for name, _, _ in rows)
-    unit, length = (LENGTH.shown.si, str(LENGTH)) if turns else length_unit(size)
+    length = LENGTH if turns else length_of(max(sizes, default=1.0))
+    words = f"displacement{', rotations in mrad' * turns}"
+    chart = listed(ax, [name for name, _, _ in rows], Scale(words, length), 0.6)
     for row, (name, mean, std) in enumerate(rows):
-        own_unit, own_name = (1e-3, "mrad") if name in ROTATIONS else (unit, length)
-        centre, spread = float(mean or 0.0) / own_unit, float(std) / own_unit
-        ax.barh(row, 2.0 * spread, left=centre - spread, height=0.3, color=COLOURS["simulate"],
-                alpha=0.35)  # fmt: skip
-        ax.plot(centre, row, "o", color=COLOURS["simulate"])
-        ax.annotate(
-            f"{value_with_error(std / own_unit)} {own_name}", (centre, row - 0.2), ha="center",
-            va="bottom", fontsize="small",
-        )  # fmt: skip
-        for pair in pairs:
-            own = name in (pair.get("on"), f"gap of {pair.get('name')}")
-            if own or (single and not pair.get("between")):
-                _draw_stops_of(
-                    found.impact_pairs.get(pair.get("name", "stops")), pair, row, unit, ax
-                )
-    _label_rows(ax, [name for name, _, _ in rows])
-    ax.margins(x=0.8 if pairs else 0.1)  # room for the words beside the stops
-    rotations = ", rotations in mrad" if turns else ""
-    ax.set_xlabel(f"displacement, mean and one standard deviation ({length}{rotations})")
-    ax.set_title(found.method, fontsize="medium")
-    return ax
+        own = chart._replace(x=Scale(name, MILLIRADIANS)) if name in ROTATIONS else chart
+        centre, unit = float(mean or 0.0), own.x.quantity
+        ends = centre - float(std), centre + float(std)
+        own.bar(row, *ends, "mean and one standard deviation", height=0.3, alpha=0.35)
+        own.across(row, centre, None, None)
+        spread = f"{value_with_error(unit(std))} {unit}"
+        own.note(spread, centre, row - 0.16, (0.0, 1.0), ha="center", va="bottom")
+        for pair in _pairs_on(found, name):
+            _draw_stops_of(chart, row, pair, found.impact_pairs.get(pair.get("name", "stops")))
+    # room for the words beside the stops
+    chart.ax.margins(x=0.8 if any(_pairs_on(found, name) for name, *_ in rows) else 0.1)
+    return chart.finish(title=found.method)
 
 
 def _plot_densities(
     found: Response, densities: Mapping[str, BandedDensity | AveragedBins], ax: Axes | None
 ) -> Axes:
     """Densities in bins with their bands, the stops of each as dashed lines."""
-    ax = axes_or_new(ax)
-    size = max(float(np.abs(each.edges).max()) for each in densities.values())
-    unit, length = length_unit(size)
-    pairs = {
-        pair.get("name", "stops"): pair
-        for pair in found.provenance.get("scene", {}).get("impact_pair", [])
-    }
+    length = length_of(max(float(np.abs(each.edges).max()) for each in densities.values()))
+    pairs = {pair.get("name", "stops"): pair for pair in _pairs(found)}
+    height = density_of(length)
+    bands = "95 % bands" if found.method == "simulate" else "bands of its error"
+    height = height._replace(words=f"{height.words}, {bands}")
+    chart = Chart.on(ax, Scale("displacement, stops dashed", length), height)
     colours = owner_colours(len(densities))
     for (name, each), colour in zip(densities.items(), colours, strict=True):
         low, high = each.bands()
-        edges = each.edges / unit
         pair = next(iter(pairs)) if len(pairs) == 1 else name
-        words = [name, *_of_motion(found, name, pair, unit, length)]
-        ax.stairs(high * unit, edges, baseline=low * unit, fill=True, color=colour, alpha=0.3)
-        ax.stairs(each.density * unit, edges, color=colour, label=", ".join(words))
+        words = ", ".join([name, *_of_motion(found, name, pair, length)])
+        chart.stairs(each.edges, high, None, colour, low=low, fill=True, alpha=BAND_ALPHA)
+        chart.stairs(each.edges, each.density, words, colour)
         for side in ("lower", "upper"):
             place = pairs.get(pair, {}).get(side)
             if isinstance(place, int | float):
-                ax.axvline(place / unit, color=colour, linestyle="--", linewidth=1.0)
-    ax.set_ylim(bottom=0.0)
-    ax.set_xlabel(f"displacement ({length}), stops dashed")
-    bands = "95 % bands" if found.method == "simulate" else "bands of its error"
-    ax.set_ylabel(f"probability density (1/{length}), {bands}")
-    legend_above(ax, 1, title=found.method)
-    return ax
+                chart.at(place, None, colour, "--", linewidth=1.0)
+    chart.ax.set_ylim(bottom=0.0)
+    return chart.finish(1, title=found.method)
 
 
-def _of_motion(found: Response, name: str, pair: str, unit: float, length: str) -> list[str]:
+def _of_motion(found: Response, name: str, pair: str, length: ShownQuantity) -> list[str]:
     """The standard deviation of a motion, and the impacts of its pair, in words."""
     hits = found.impact_pairs.get(pair)
     std = None if hits is None else hits.relative_displacement_std
     if name in found.coordinates:
         std = found.coordinates[name].displacement_std
-    words = [] if std is None else [f"std {float(std) / unit:.4g} {length}"]
+    words = [] if std is None else [f"std {length.text(float(std))}"]
     if hits is not None and hits.collision_rate is not None:
         words.append(f"{value_with_error(hits.collision_rate)} impacts/s")
     return words
 
 
 def _draw_stops_of(
-    hits: PairResponse | None, pair: Mapping[str, Any], row: int, unit: float, ax: Axes
+    chart: Chart, row: int, pair: Mapping[str, Any], hits: PairResponse | None
 ) -> None:
     """The stops of a pair in a row of a list, with the rate of their impacts, and the mean
     speed."""
-    for side, align in (("lower", "right"), ("upper", "left")):
-        place = pair.get(side)
-        if place is None:
+    for side, align, shift in (("lower", "right", -8.0), ("upper", "left", 8.0)):
+        if pair.get(side) is None:
             continue
-        ax.plot([place / unit] * 2, [row - 0.38, row + 0.38], color=COLOURS["stop"], linewidth=5)
+        chart.stop(row, pair[side])
         rate = getattr(hits, f"collision_rate_{side}", None)
         speed = hits.impact_speed_mean if hits is not None else None
         words = [] if rate is None else [value_with_error(rate), "impacts/s"]
         words += [] if speed is None or rate is None else [f"mean {float(speed):.2g} m/s"]
-        ax.annotate(
-            "\n".join(words), (place / unit, row), xytext=(8 if side == "upper" else -8, 0),
-            textcoords="offset points", ha=align, va="center", fontsize="x-small",
+        chart.note(
+            "\n".join(words), pair[side], row, (shift, 0.0), ha=align, va="center",
+            fontsize="x-small",
         )  # fmt: skip
 
 
-def _stops(provenance: Mapping[str, Any], coordinate: str, coordinates: int) -> list[float]:
-    """Positions (m) of the stops of a coordinate in the scene that an answer is of."""
-    pairs = provenance.get("scene", {}).get("impact_pair", [])
-    own = [
+def _pairs(found: Any) -> list[dict[str, Any]]:
+    """The impact pairs of the scene that an answer is of, as its file states them."""
+    pairs: list[dict[str, Any]] = found.provenance.get("scene", {}).get("impact_pair", [])
+    return pairs
+
+
+def _pairs_on(found: Any, name: str) -> list[dict[str, Any]]:
+    """The pairs whose stops stand beside a coordinate, or a gap."""
+    alone = len(found.coordinates) == 1
+    return [
         pair
-        for pair in pairs
-        if pair.get("on") == coordinate
-        or (coordinates == 1 and not pair.get("on") and not pair.get("between"))
+        for pair in _pairs(found)
+        if name in (pair.get("on"), f"gap of {pair.get('name')}")
+        or (alone and not pair.get("between"))
     ]
-    return [pair[side] for pair in own for side in ("lower", "upper") if pair.get(side) is not None]
 
 
 def plot_check(found: Check, ax: Axes | None = None) -> Axes:
@@ -274,6 +264,17 @@ def plot_check(found: Check, ax: Axes | None = None) -> Axes:
     return _plot_scores(rows, 1.0, "largest that agrees", ax)
 
 
+def plot_checks(found: Checks, ax: Axes | None = None) -> Axes:
+    """Difference over its standard error of the comparisons of all scenes that differ most."""
+    table = found.to_frame()
+    table = table[table["verdict"].isin([AGREES, DISAGREES]) & table["score"].notna()]
+    rows = {
+        f"{row['quantity']} of {row['of']}, {row['method']}, {row['scene']}": row["score"]
+        for row in table.to_dict("records")
+    }
+    return _plot_scores(rows, found.z, f"standard error (alarm at {found.z:.2f})", ax)
+
+
 def plot_judgement(found: Judgement, ax: Axes | None = None) -> Axes:
     """Difference over its standard error of every finding, and where an alarm is raised."""
     rows = {
@@ -284,102 +285,59 @@ def plot_judgement(found: Judgement, ax: Axes | None = None) -> Axes:
 
 def _plot_scores(known: Mapping[str, float], z: float, over: str, ax: Axes | None) -> Axes:
     shown = sorted(known, key=lambda name: -abs(known[name]))[:MOST_ROWS]
-    ax = _list(ax, len(shown))
-    reach = MOST_SCORE * z
+    chart, reach = listed(ax, shown, Scale(f"difference / {over}"), 0.22), MOST_SCORE * z
     for row, name in enumerate(shown):
         score = float(np.clip(known[name], -reach, reach))
-        alarm = abs(known[name]) > z
-        ax.plot(
-            score,
-            row,
-            "o" if abs(score) < reach else "<>"[score > 0.0],
-            color=COLOURS["linearise:closure" if alarm else "simulate"],
-            clip_on=False,
-        )
+        form = "o" if abs(score) < reach else "<>"[score > 0.0]
+        colour = COLOURS["linearise:closure" if abs(known[name]) > z else "simulate"]
+        chart.ax.plot(score, row, form, color=colour, clip_on=False)
     for side in (-z, z):
-        ax.axvline(side, color=COLOURS["linearise:closure"], linestyle="--", linewidth=1.0)
-    ax.axvline(0.0, color=COLOURS["stop"], linewidth=0.8)
-    ax.set_xlim(-reach, reach)
-    _label_rows(ax, shown)
-    ax.set_xlabel(f"difference / {over}")
-    return ax
+        chart.at(side, None, "linearise:closure", "--")
+    chart.at(0.0, linewidth=0.8)
+    chart.ax.set_xlim(-reach, reach)
+    return chart.finish()
 
 
 def plot_explanation(found: Explanation, ax: Axes | None = None) -> Axes:
     """Predicted time of a simulation against the relative error that is asked for."""
     seconds = {} if found.simulation is None else found.simulation.seconds
-    known = {error: time for error, time in seconds.items() if time is not None}
-    ax = axes_or_new(ax)
-    if known:
-        errors = sorted(known)
-        ax.loglog(
-            [100.0 * error for error in errors],
-            [known[error] for error in errors],
-            "o-",
-            color=COLOURS["simulate"],
-        )
-    else:
-        ax.text(0.5, 0.5, "no simulation was predicted", transform=ax.transAxes, ha="center")
-    ax.set_xlabel("relative error asked for (%)")
-    ax.set_ylabel("predicted time (s)")
-    plain_ticks(ax)
-    add_grid(ax)
-    return ax
+    known = {error: time for error, time in sorted(seconds.items()) if time is not None}
+    error = Scale("relative error asked for", PERCENT, log=True)
+    chart = Chart.on(ax, error, Scale("predicted time", TIME, log=True))
+    chart.curve(list(known), list(known.values()), marker="o")
+    if not known:
+        words = "no simulation was predicted"
+        chart.ax.text(0.5, 0.5, words, transform=chart.ax.transAxes, ha="center")
+    return chart.finish()
 
 
 def plot_transient(found: Transient, ax: Axes | None = None) -> Axes:
     """Mean displacement and one standard deviation about it against time."""
-    ax = axes_or_new(ax)
     mean, std = found.values.mean, np.sqrt(found.values.variance)
-    unit, name = length_unit(float(np.max(np.abs(mean) + std)))
-    ax.fill_between(
-        TIME(found.times),
-        (mean - std) / unit,
-        (mean + std) / unit,
-        alpha=0.3,
-        color=COLOURS["fokker-planck"],
-        label="one standard deviation",
-    )
-    ax.plot(TIME(found.times), mean / unit, "o-", color=COLOURS["fokker-planck"], label="mean")
-    ax.set_xlabel(f"time ({TIME})")
-    ax.set_ylabel(f"displacement ({name})")
-    add_grid(ax)
-    ax.legend(frameon=False)
-    return ax
+    length = length_of(float(np.max(np.abs(mean) + std)))
+    chart = Chart.on(ax, Scale("time", TIME), Scale("displacement", length))
+    chart.curve(
+        found.times, mean, "mean, and one standard deviation", "fokker-planck", marker="o",
+        low=mean - std, high=mean + std,
+    )  # fmt: skip
+    return chart.finish()
 
 
 def plot_motion(found: History, ax: Axes | None = None) -> Axes:
     """Displacement of each coordinate around the fastest impact, with its stops."""
-    ax = axes_or_new(ax, (9.6, 4.2))
-    names = list(found.coordinates)
-    several = len(names) > 1
-    columns = [f"{name}.displacement_m" if several else "displacement_m" for name in names]
-    time, hits = found.samples["time_s"].to_numpy(), found.impacts
-    shock = None
-    if len(hits):
-        shock = float(hits["time_s"].iloc[int(hits["speed_m_s"].to_numpy().argmax())])
-    part = around_shock(time, found.samples[columns[0]].to_numpy(), shock)
-    shown = {
-        name: found.samples[column].to_numpy()[part]
-        for name, column in zip(names, columns, strict=True)
+    names, samples = list(found.coordinates), found.samples
+    columns = [f"{name}.displacement_m" if len(names) > 1 else "displacement_m" for name in names]
+    curves = {name: samples[column].to_numpy() for name, column in zip(names, columns, strict=True)}
+    stops = {
+        f"{pair.get('name', 'stops')} {side}": pair[side]
+        for name in names
+        for pair in _pairs_on(found, name)
+        for side in ("lower", "upper")
+        if pair.get(side) is not None
     }
-    moved = [float(np.abs(x).max()) for name, x in shown.items() if name not in ROTATIONS]
-    unit, length = length_unit(max(moved, default=1.0))
-    for colour, (name, each) in zip(OWNERS, shown.items(), strict=False):
-        turns = name in ROTATIONS
-        t, x = thinned(TIME(time[part]), MILLIRADIANS(each) if turns else each / unit)
-        label = f"{name} ({MILLIRADIANS})" if turns else name
-        ax.plot(t, x, color=colour, linewidth=1.1, label=label)
-        for number, place in enumerate(_stops(found.provenance, name, len(names))):
-            words = f"stops{f' of {name}' * several}" if number == 0 else None
-            ax.axhline(place / unit, color=COLOURS["stop"], linewidth=2.0, label=words)
-    ax.margins(x=0.0)
-    ax.set_xlabel(seconds_of(part, time))
-    ax.set_ylabel(f"displacement ({length})")
-    add_grid(ax)
-    if len(ax.get_legend_handles_labels()[0]) > 1:
-        legend_above(ax, 4)
-    return ax
+    time, hits = samples["time_s"].to_numpy(), hits_of(found)
+    part = excerpt(time, curves[names[0]], hits)
+    return draw_motion(ax, time, curves, stops, hits, part, size=(9.6, 4.2)).finish(4)
 
 
 def plot_replay(found: Replay, ax: Axes | None = None) -> Axes:
@@ -393,18 +351,11 @@ def plot_replay(found: Replay, ax: Axes | None = None) -> Axes:
 
 def plot_jolts(found: Jolts, ax: Axes | None = None) -> Axes:
     """Share of paths that perturbations throw into clatter, with exact 95 % intervals."""
-    ax = axes_or_new(ax)
-    rows = found.to_frame()
-    share = rows["captured"]
-    bars = [share - rows["captured_low"], rows["captured_high"] - share]
-    ax.errorbar(
-        SPEED(rows["jolt"]), share, yerr=bars, fmt="o-", capsize=3, color=COLOURS["simulate"]
-    )
-    ax.set_ylim(0.0, 1.05)
-    ax.set_xlabel(f"perturbation of the velocity ({SPEED})")
-    ax.set_ylabel("share captured by clatter")
-    add_grid(ax)
-    return ax
+    jolt, share = Scale("perturbation of the velocity", SPEED), Scale("share captured by clatter")
+    chart = Chart.on(ax, jolt, share)
+    chart.column(found.to_frame(), "jolt", "captured", form="o-")
+    chart.ax.set_ylim(0.0, 1.05)
+    return chart.finish()
 
 
 def plot_sizing(sizing: Sizing, ax: Axes | None = None) -> Axes:
@@ -486,7 +437,7 @@ VIEWS = {
         titled=True,
     ),
     "Check": View("pictures:plot_check", "verification:check_told", "check", None),
-    "Checks": View("verification:draw_scores", "verification:checks_told", "check", None),
+    "Checks": View("pictures:plot_checks", "verification:checks_told", "check", None),
     "Damage": View(
         "statistics:plot_damage",
         "statistics:damage_told",
@@ -495,7 +446,7 @@ VIEWS = {
         tables=lambda found: {} if found.test is None else {"profile": found.test.to_frame()},
     ),
     "DamageSizing": View(
-        "isolator_tables:plot_damage_sizing",
+        "sizing:plot_damage_sizing",
         "isolator_tables:damage_sizing_told",
         "damage",
         report="report.missions:write_clearance_report",
@@ -539,7 +490,7 @@ VIEWS = {
     "Judgement": View("pictures:plot_judgement", "verification:judgement_told", "judge", None),
     "LifeTimes": View("sine:plot_lifetimes", "sine:lifetimes_told", "lifetimes"),
     "MissionSizing": View(
-        "isolator_tables:plot_mission_sizing",
+        "sizing:plot_mission_sizing",
         "isolator_tables:clearance_told",
         "phases",
         report="report.missions:write_clearance_report",
@@ -583,15 +534,3 @@ VIEWS = {
     "WorkPrecision": View("verification:plot_cost", "verification:cost_told", "cost", titled=True),
 }
 """How each kind of answer is shown, by the name of its class: views do not import answers."""
-
-
-def _list(ax: Axes | None, rows: int) -> Axes:
-    """Axes for a list with this number of rows."""
-    return axes_or_new(ax, (SCREEN[0], LEAST_HEIGHT + ROW_HEIGHT * max(rows, 1)))
-
-
-def _label_rows(ax: Axes, names: Sequence[str]) -> None:
-    ax.set_yticks(range(len(names)), names, fontsize="small")
-    ax.set_ylim(len(names) - 0.5, -0.5)
-    ax.grid(axis="x", color=GRID_COLOUR, linewidth=0.6)
-    ax.set_axisbelow(True)

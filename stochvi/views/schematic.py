@@ -10,12 +10,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 
 from stochvi.mathematics.numerics import Matrix, Vector
-from stochvi.mathematics.units import LENGTH
+from stochvi.mathematics.units import LENGTH, ShownQuantity
 from stochvi.results.base import DataFrame, rows_of
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.scenes.structures.modes import Span
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody
-from stochvi.views.axes import COLOURS, DRAWING, OWNERS, add_grid, axes_or_new, length_unit
+from stochvi.views.axes import (
+    COLOURS,
+    DRAWING,
+    OWNERS,
+    Chart,
+    Scale,
+    add_title,
+    axes_or_new,
+    length_of,
+)
 from stochvi.views.tables import chance_in_words, four_digits
 
 if TYPE_CHECKING:
@@ -188,9 +197,6 @@ MAPPED = {
 }
 """What a map shows: columns of `rms_along`, with words, line and colour."""
 
-INTERVAL = 1.96
-"""Half the width of a 95 % interval, in standard errors."""
-
 CLAMP = 0.025
 """Width of the block of a clamped end, as a share of the length."""
 
@@ -225,11 +231,6 @@ def draw_shapes(found: History | ReplayAt, scene: Scene, title: str = "") -> Axe
     if len(structure.sides) > 1:
         return _draw_plate(motion, scene, structure, title)
     return _draw_span(motion, scene, structure, title)
-
-
-def _unit_of_length(length: float) -> tuple[float, str]:
-    """Unit in which the length of a structure reads well: (metres, name)."""
-    return (1.0, "m") if length >= 1.0 else (1e-3, "mm")
 
 
 def _modal(found: History, scene: Scene) -> Matrix:
@@ -272,27 +273,29 @@ def _motion_of(found: History | ReplayAt, scene: Scene) -> Motion:
 
 def _draw_span(motion: Motion, scene: Scene, span: Span, title: str) -> Axes:
     """Deflection across a beam, or displacement along a bar, over the distance from its end."""
-    import matplotlib.pyplot as plt
-
-    share = np.linspace(0.0, 1.0, PLACES)
-    along = _shapes(span, PLACES)
+    along, x = _shapes(span, PLACES), np.linspace(0.0, span.length, PLACES)
     touching = motion.modes[motion.touches] @ along.T
     moments = motion.modes.T @ motion.modes / len(motion.modes)
     rms = np.sqrt(np.einsum("pi,ij,pj->p", along, moments, along))
-    stops = _stops_along(scene, span)
-    reach = max(float(np.abs(touching).max()), float(rms.max()), *(abs(s[2]) for s in stops), 0.0)
-    unit, name = length_unit(reach)
-    metres, _ = _unit_of_length(span.length)
-    x = share * span.length / metres
-    _, ax = plt.subplots(figsize=(7.2, 4.2), layout="constrained")
+    stops = [abs(place) for *_, place in _stops_along(scene, span)]
+    chart = _along(span, span.moves, max(float(np.abs(touching).max()), float(rms.max()), *stops))
     for shape in touching[1:]:
-        ax.plot(x, shape / unit, color=OWNERS[0], alpha=0.2, linewidth=0.8)
-    ax.plot(x, touching[0] / unit, color=OWNERS[0], label="at impacts, the fastest in bold",
-            linewidth=2.0)  # fmt: skip
-    ax.plot(x, rms / unit, "--", color=OWNERS[5], label="rms of this realisation")
-    _finish_span(ax, scene, span, unit, name)
-    ax.set_title(title or "one realisation", fontsize="medium")
-    return ax
+        chart.curve(x, shape, None, OWNERS[0], alpha=0.2, linewidth=0.8)
+    fastest = "at impacts, the fastest in bold"
+    chart.curve(x, touching[0], fastest, OWNERS[0], linewidth=2.0)
+    chart.curve(x, rms, "rms of this realisation", OWNERS[5], "--")
+    return _finish_span(chart, scene, span, title or "one realisation")
+
+
+def _of_size(length: float) -> ShownQuantity:
+    """Lengths along a structure of this length: below 1 m in mm."""
+    return length_of(0.2 * length)
+
+
+def _along(span: Span, words: str, reach: float) -> Chart:
+    """A chart over the distance from the first end of a bar or a beam."""
+    distance = Scale("distance from the first end", _of_size(span.length))
+    return Chart.on(None, distance, Scale(words, length_of(reach)), (7.2, 4.2))
 
 
 def _shapes(span: Span, count: int) -> Matrix:
@@ -307,24 +310,14 @@ def _stops_along(scene: Scene, span: Span) -> list[tuple[float, str, float]]:
     return [(span.places_of_points[point], side, place) for point, side, place in stops]
 
 
-def _finish_span(
-    ax: Axes, scene: Scene, span: Span, unit: float, name: str, word: str = ""
-) -> None:
-    """Draw the stops and supports of a bar or beam, and name the axes; `word` stands before what is
-    drawn across, in this unit of length."""
-    metres, of_length = _unit_of_length(span.length)
-    for number, (at, side, place) in enumerate(_stops_along(scene, span)):
-        ax.plot(
-            [at * span.length / metres], [place / unit], marker=7 if side == "upper" else 6,
-            markersize=12, color=COLOURS["stop"], linestyle="none",
-            label="stops" if number == 0 else None,
-        )  # fmt: skip
-    _draw_supports(ax, span, span.length / metres)
-    ax.set(
-        xlabel=f"distance from the first end ({of_length})", ylabel=f"{word}{span.moves} ({name})"
-    )
-    add_grid(ax)
-    ax.legend(frameon=False, fontsize="small")
+def _finish_span(chart: Chart, scene: Scene, span: Span, title: str) -> Axes:
+    """Draw the stops and supports of a bar or beam, and name what is drawn."""
+    for at, side, place in _stops_along(scene, span):
+        caret = 7 if side == "upper" else 6
+        there = at * span.length
+        chart.points(there, place, "stops", "stop", "", marker=caret, markersize=12, ls="none")
+    _draw_supports(chart.ax, span, chart.x.quantity(span.length))
+    return add_title(chart.finish(3), title)
 
 
 def draw_map(table: DataFrame, found: Response, scene: Scene) -> Axes:
@@ -332,63 +325,53 @@ def draw_map(table: DataFrame, found: Response, scene: Scene) -> Axes:
 
     An answer `found` of another method stands beside it as dots at the named points.
     """
-    import matplotlib.pyplot as plt
-
-    structure = scene.structure
+    structure, title = scene.structure, scene.title or found.method
     assert isinstance(structure, Span)
+    shown = {column: look for column, look in MAPPED.items() if column in table}
     if len(structure.sides) > 1:
-        return _map_of_plate(table, scene, structure)
-    unit, name = length_unit(float(table["rms_without_stops_m"].max()))
-    metres, _ = _unit_of_length(structure.length)
-    _, ax = plt.subplots(figsize=(7.2, 4.2), layout="constrained")
-    for column, (words, style, colour) in MAPPED.items():
-        if column in table:
-            ax.plot(table["distance_m"] / metres, table[column] / unit, style, color=colour,
-                    label=words)  # fmt: skip
-    if not found.method.startswith("linearise"):
-        _draw_points(ax, found, structure, unit, metres)
-    _finish_span(ax, scene, structure, unit, name, "rms ")
-    ax.set_title(scene.title or found.method, fontsize="medium")
-    return ax
+        across = table["x_m"].nunique()
+        maps = {shown[name][0]: table[name].to_numpy().reshape(across, -1) for name in shown}
+        return _draw_plates(maps, scene, structure, f"rms {structure.moves}", title)
+    largest = float(table["rms_without_stops_m"].max())
+    chart = _along(structure, f"rms {structure.moves}", largest)
+    for column, (words, style, colour) in shown.items():
+        chart.curve(table["distance_m"], table[column], words, colour, style)
+    for point, place in structure.places_of_points.items():
+        each = found.coordinates.get(point)
+        if each is None or not each.displacement_std or found.method.startswith("linearise"):
+            continue
+        low, high = each.displacement_std.interval()
+        at, words = float(cast("float", place)) * structure.length, f"{found.method}, 95 %"
+        chart.points(at, float(each.displacement_std), words, low=low, high=high, zorder=3)
+    return _finish_span(chart, scene, structure, title)
 
 
-def _draw_points(ax: Axes, found: Response, span: Span, unit: float, metres: float) -> None:
-    """The standard deviations of an answer at the named points, with 95 % intervals."""
-    rows = [
-        (place, each.displacement_std)
-        for point, place in span.places_of_points.items()
-        if (each := found.coordinates.get(point)) is not None and each.displacement_std
-    ]
-    ax.errorbar(
-        [place * span.length / metres for place, _ in rows], [std.value / unit for _, std in rows],
-        [INTERVAL * (std.standard_error or 0.0) / unit for _, std in rows], fmt="o",
-        color=COLOURS["simulate"], label=f"{found.method}, 95 %", zorder=3,
-    )  # fmt: skip
-
-
-def _map_of_plate(table: DataFrame, scene: Scene, plate: Span) -> Axes:
-    """The rms over a plate, a panel each without stops and with them."""
+def _draw_plates(
+    maps: Mapping[str, Matrix], scene: Scene, plate: Span, words: str, title: str
+) -> Axes:
+    """Contours of lengths over a plate, a panel for each; in blue and red where they have signs."""
     import matplotlib.pyplot as plt
     from matplotlib.ticker import MaxNLocator
 
-    shown = {column: words for column, (words, *_) in MAPPED.items() if column in table}
-    unit, name = length_unit(float(table["rms_without_stops_m"].max()))
-    metres, of_length = _unit_of_length(max(plate.sides))
+    size, top = _of_size(max(plate.sides)), max(float(np.abs(m).max()) for m in maps.values())
+    length, signs = length_of(top), any(bool((m < 0.0).any()) for m in maps.values())
     figure, axes = plt.subplots(
-        1, len(shown), figsize=(1.0 + 4.6 * len(shown), 4.2), layout="constrained", squeeze=False
-    )  # fmt: skip
-    x, y = (np.unique(table[each]) / metres for each in ("x_m", "y_m"))
-    top = max(float(table[column].max()) for column in shown) / unit
-    levels = MaxNLocator(15).tick_values(0.0, top)
-    for ax, (column, words) in zip(axes[0], shown.items(), strict=True):
-        rms = np.asarray(table[column]).reshape(len(x), -1) / unit
-        drawn = ax.contourf(x, y, rms.T, levels=levels, cmap="viridis")
-        _draw_points_of_plate(ax, scene, plate, metres)
-        ax.set(xlabel=f"length ({of_length})", ylabel=f"width ({of_length})", aspect="equal")
-        ax.set_title(words, fontsize="medium")
-    figure.colorbar(drawn, ax=axes, label=f"rms deflection ({name})", format="{x:.2g}")
-    first: Axes = axes[0, 0]
-    return first
+        1, len(maps), figsize=(1.8 + 4.6 * len(maps), 4.2), layout="constrained", squeeze=False
+    )
+    ends = length((-top if signs else 0.0, top))
+    levels = MaxNLocator(15, symmetric=signs).tick_values(*ends)
+    for ax, (name, values) in zip(axes[0], maps.items(), strict=True):
+        x, y = (
+            np.linspace(0.0, size(side), count)
+            for side, count in zip(plate.sides, values.shape, strict=True)
+        )
+        colours = "RdBu_r" if signs else "viridis"
+        drawn = ax.contourf(x, y, length(values).T, levels=levels, cmap=colours)
+        _draw_points_of_plate(ax, scene, plate, size.shown.si)
+        ax.set(xlabel=size.heading("length"), ylabel=size.heading("width"), aspect="equal")
+        ax.set_title(name, fontsize="medium")
+    figure.colorbar(drawn, ax=axes, label=length.heading(words), format="{x:.2g}")
+    return add_title(axes[0, 0], title)
 
 
 def _draw_supports(ax: Axes, span: Span, length: float) -> None:
@@ -418,26 +401,10 @@ def _stops_on_points(pairs: Sequence[ImpactPair], scene: Scene) -> list[tuple[st
 
 def _draw_plate(motion: Motion, scene: Scene, plate: Span, title: str) -> Axes:
     """Deflection of a plate at its fastest impact, with its points, those at stops marked."""
-    import matplotlib.pyplot as plt
-    from matplotlib.ticker import MaxNLocator
-
-    share = np.linspace(0.0, 1.0, PLACES_ACROSS)
     shapes = _shapes(plate, PLACES_ACROSS)
     deflection = (shapes @ motion.modes[motion.touches[0]]).reshape(PLACES_ACROSS, -1)
-    reach = float(np.abs(deflection).max())
-    unit, name = length_unit(reach)
-    length, width = plate.sides
-    metres, of_length = _unit_of_length(max(plate.sides))
-    x, y = share * length / metres, share * width / metres
-    figure, ax = plt.subplots(figsize=(6.4, 4.8), layout="constrained")
-    levels = MaxNLocator(15, symmetric=True).tick_values(-reach / unit, reach / unit)
-    drawn = ax.contourf(x, y, deflection.T / unit, levels=levels, cmap="RdBu_r")
-    figure.colorbar(drawn, ax=ax, label=f"deflection ({name})", format="{x:.2g}")
-    _draw_points_of_plate(ax, scene, plate, metres)
-    ax.set(xlabel=f"length ({of_length})", ylabel=f"width ({of_length})", aspect="equal")
     heading = f"at the fastest impact, {motion.speed:.3g} m/s after {motion.moment:.3g} s"
-    ax.set_title(f"{title}\n{heading}" if title else heading, fontsize="medium")
-    return ax
+    return _draw_plates({heading: deflection}, scene, plate, "deflection", title)
 
 
 def _draw_points_of_plate(ax: Axes, scene: Scene, plate: Span, metres: float) -> None:
@@ -557,7 +524,7 @@ def _draw_mass(scene: Scene, rests: Mapping[str, float], symbols: bool, ax: Axes
         edge = heights[seat] + 0.55 * sign
         ax.annotate("", (-0.35, edge + 0.2 * sign), (-0.35, edge - 1.1 * sign),
                     arrowprops={"arrowstyle": "->", "color": ink, "linewidth": 1.6})  # fmt: skip
-        ax.text(-0.45, heights[seat], "load", ha="right", va="center", fontsize="small")
+        _say(ax, -0.45, heights[seat], "load", ha="right")
     if pair is not None:
         _draw_stops(ax, pair, heights, bottom)
     moment = _moment(pair, heights, rest) if symbols else None
@@ -570,7 +537,7 @@ def _draw_mass(scene: Scene, rests: Mapping[str, float], symbols: bool, ax: Axes
         y = heights[each.position]
         ax.plot([4.4, 8.4], [y, y], color=DRAWING["line"], linewidth=0.6, zorder=0)
         ax.plot([8.22, 8.38], [y, y], color=ink, linewidth=1.0)
-        ax.text(8.55, y, each.words, va="center", fontsize="small")
+        _say(ax, 8.55, y, each.words)
     _draw_lengths(ax, pair, heights, rest, words)
     ax.set_xlim(-1.2, 13.6)
     ax.set_ylim(bottom - 0.75, top + 0.5)
@@ -607,21 +574,31 @@ def _seat(pair: ImpactPair | None, rest: float) -> float:
     return float(np.clip(rest, lower, upper))
 
 
-def _draw_base(ax: Axes, scene: Scene, bottom: float, symbols: bool) -> None:
-    """The base, hatched, with what shakes it below."""
+def _block(
+    ax: Axes, x: float, y: float, width: float, height: float, fill: str, **more: Any
+) -> None:
+    """A rectangle from its lower left corner."""
     from matplotlib.patches import Rectangle
 
-    ink, moving = DRAWING["ink"], isinstance(scene.structure, Isolator)
-    ax.add_patch(Rectangle((0.0, bottom), 5.6, 0.3, facecolor=DRAWING["base"], edgecolor=ink))
+    look = {"facecolor": DRAWING.get(fill, fill), "edgecolor": DRAWING["ink"]} | more
+    ax.add_patch(Rectangle((x, y), width, height, **look))
+
+
+def _say(ax: Axes, x: float, y: float, words: str, colour: str = "ink", **more: Any) -> None:
+    """Words at a place."""
+    look = {"va": "center", "fontsize": "small", "color": DRAWING.get(colour, colour)} | more
+    ax.text(x, y, words, **look)
+
+
+def _draw_base(ax: Axes, scene: Scene, bottom: float, symbols: bool) -> None:
+    """The base, hatched, with what shakes it below."""
+    _block(ax, 0.0, bottom, 5.6, 0.3, "base")
     for x in np.arange(0.15, 5.6, 0.35):
-        ax.plot([x, x - 0.2], [bottom, bottom - 0.2], color=ink, linewidth=0.6)
-    if moving:
-        ax.annotate(
-            "", (-0.55, bottom + 0.75), (-0.55, bottom - 0.45),
-            arrowprops={"arrowstyle": "<->", "color": COLOURS["simulate"], "linewidth": 1.6},
-        )  # fmt: skip
-    ax.text(0.0, bottom - 0.32, "excitation" if symbols else _drives_in_words(scene), va="top",
-            fontsize="small", color=COLOURS["simulate"])  # fmt: skip
+        ax.plot([x, x - 0.2], [bottom, bottom - 0.2], color=DRAWING["ink"], linewidth=0.6)
+    if isinstance(scene.structure, Isolator):
+        _arrow(ax, -0.55, bottom + 0.75, bottom - 0.45, COLOURS["simulate"], linewidth=1.6)
+    words = "excitation" if symbols else _drives_in_words(scene)
+    _say(ax, 0.0, bottom - 0.32, words, COLOURS["simulate"], va="top")
 
 
 def _drives_in_words(scene: Scene) -> str:
@@ -639,31 +616,26 @@ def _drives_in_words(scene: Scene) -> str:
 
 def _draw_carrier(ax: Axes, scene: Scene, height: float, bottom: float, symbols: bool) -> None:
     """The mass with its tongue, its spring and its damper."""
-    from matplotlib.patches import Rectangle
-
     ink, floor, mass = DRAWING["ink"], bottom + 0.3, height - 0.55
-    ax.add_patch(
-        Rectangle((0.5, mass), 2.6, 1.1, facecolor=DRAWING["mass"], edgecolor=ink, zorder=3)
-    )
-    ax.add_patch(
-        Rectangle((3.1, height - TONGUE), 1.7, 2 * TONGUE, facecolor=DRAWING["mass"],
-                  edgecolor=ink, zorder=3)
-    )  # fmt: skip
-    ax.text(1.8, height, "mass" if symbols else _mass_in_words(scene), ha="center",
-            va="center", zorder=4, fontsize="small")  # fmt: skip
+    _block(ax, 0.5, mass, 2.6, 1.1, "mass", zorder=3)
+    _block(ax, 3.1, height - TONGUE, 1.7, 2 * TONGUE, "mass", zorder=3)
+    words = "mass" if symbols else _mass_in_words(scene)
+    _say(ax, 1.8, height, words, ha="center", zorder=4)
     turns = np.linspace(floor + 0.25, mass - 0.25, 12)
     sides = 1.1 + 0.22 * np.where(np.arange(12) % 2, 1.0, -1.0)
-    ax.plot([1.1, 1.1, *sides, 1.1, 1.1], [floor, floor + 0.2, *turns, mass - 0.2, mass],
-            color=ink, linewidth=1.2)  # fmt: skip
     middle = 0.5 * (floor + mass)
-    ax.plot([2.4, 2.4], [floor, middle - 0.15], color=ink, linewidth=1.2)
-    ax.plot([2.1, 2.1, 2.7, 2.7], [middle + 0.25, middle - 0.15, middle - 0.15, middle + 0.25],
-            color=ink, linewidth=1.2)  # fmt: skip
-    ax.plot([2.4, 2.4], [middle + 0.1, mass], color=ink, linewidth=1.2)
-    ax.plot([2.18, 2.62], [middle + 0.1, middle + 0.1], color=ink, linewidth=2.0)
+    low, high = middle - 0.15, middle + 0.25
+    for x, y, width in (
+        ([1.1, 1.1, *sides, 1.1, 1.1], [floor, floor + 0.2, *turns, mass - 0.2, mass], 1.2),
+        ([2.4, 2.4], [floor, low], 1.2),
+        ([2.1, 2.1, 2.7, 2.7], [high, low, low, high], 1.2),
+        ([2.4, 2.4], [middle + 0.1, mass], 1.2),
+        ([2.18, 2.62], [middle + 0.1, middle + 0.1], 2.0),
+    ):
+        ax.plot(x, y, color=ink, linewidth=width)
     known = ("frequency_hz", "zeta or Q") if symbols else _spring_in_words(scene)
-    for x, text, side in zip((0.72, 2.85), known, ("right", "left"), strict=True):
-        ax.text(x, middle, text, ha=side, va="center", fontsize="small")
+    for place, text, side in zip((0.72, 2.85), known, ("right", "left"), strict=True):
+        _say(ax, place, middle, text, ha=side)
 
 
 def _mass_in_words(scene: Scene) -> str:
@@ -694,26 +666,15 @@ def _damper_in_words(structure: Oscillator) -> str:
 
 def _draw_stops(ax: Axes, pair: ImpactPair, heights: Mapping[float, float], bottom: float) -> None:
     """The frame that the base carries, with an arm for each stop."""
-    from matplotlib.patches import Rectangle
-
-    ink, top = DRAWING["ink"], bottom + 0.3
+    top = bottom + 0.3
     for side, _ in pair.stops():
         sign = -1.0 if side == "lower" else 1.0
         face = heights[getattr(pair, side)] + sign * TONGUE
         arm = face + sign * PAD
-        ax.add_patch(
-            Rectangle((3.9, min(face, arm)), 1.0, PAD, facecolor=COLOURS["stop"], edgecolor=ink,
-                      linewidth=0.6)
-        )  # fmt: skip
-        ax.add_patch(
-            Rectangle((3.8, min(arm, arm + sign * 0.14)), 1.6, 0.14, facecolor=DRAWING["base"],
-                      edgecolor=ink, linewidth=0.6)
-        )  # fmt: skip
+        _block(ax, 3.9, min(face, arm), 1.0, PAD, COLOURS["stop"], linewidth=0.6)
+        _block(ax, 3.8, min(arm, arm + sign * 0.14), 1.6, 0.14, "base", linewidth=0.6)
         top = max(top, arm + 0.14)
-    ax.add_patch(
-        Rectangle((5.3, bottom + 0.3), 0.24, top - bottom - 0.3, facecolor=DRAWING["base"],
-                  edgecolor=ink, linewidth=0.6, zorder=1)
-    )  # fmt: skip
+    _block(ax, 5.3, bottom + 0.3, 0.24, top - bottom - 0.3, "base", linewidth=0.6, zorder=1)
 
 
 def _short(phrase: str) -> str:
@@ -736,45 +697,36 @@ def _draw_moment(
     ax: Axes, pair: ImpactPair | None, heights: Mapping[float, float], height: float
 ) -> None:
     """The tongue at a moment of the motion, and the gap that is left there."""
-    from matplotlib.patches import Rectangle
-
     assert pair is not None and pair.upper is not None
-    ax.add_patch(
-        Rectangle((3.1, height - TONGUE), 1.7, 2 * TONGUE, facecolor="none", linestyle="--",
-                  edgecolor=COLOURS["simulate"], zorder=2)
-    )  # fmt: skip
-    ax.text(3.2, height + 0.13, "x(t)", color=COLOURS["simulate"], fontsize="small", va="bottom")
-    _arrow(ax, 4.35, height + TONGUE, heights[pair.upper] + TONGUE, COLOURS["simulate"])
-    ax.text(4.42, 0.5 * (height + heights[pair.upper]) + TONGUE, "gap", va="center",
-            fontsize="small", color=COLOURS["simulate"])  # fmt: skip
+    blue, upper = COLOURS["simulate"], heights[pair.upper]
+    low, look = height - TONGUE, {"linestyle": "--", "edgecolor": blue, "zorder": 2}
+    _block(ax, 3.1, low, 1.7, 2 * TONGUE, "none", **look)
+    _say(ax, 3.2, height + 0.13, "x(t)", blue, va="bottom")
+    _arrow(ax, 4.35, height + TONGUE, upper + TONGUE, blue)
+    _say(ax, 4.42, 0.5 * (height + upper) + TONGUE, "gap", blue)
 
 
 def _draw_lengths(
     ax: Axes, pair: ImpactPair | None, heights: Mapping[float, float], rest: float, words: Words
 ) -> None:
     """Arrows of the clearances, from the static equilibrium to each stop, and of the sag."""
-    colour = DRAWING["length"]
     for side in ("lower", "upper"):
         place = None if pair is None else getattr(pair, side)
         if place is None:
             continue
         distance = place - rest if side == "upper" else rest - place
-        _arrow(ax, 5.95, heights[rest], heights[place], colour)
-        name = "clearance" if distance >= 0.0 else "preload of"
-        ax.text(6.05, 0.5 * (heights[rest] + heights[place]),
-                words.length(name, abs(distance)),
-                va="center", fontsize="small", color=colour)  # fmt: skip
+        _arrow(ax, 5.95, heights[rest], heights[place], DRAWING["length"])
+        name = words.length("clearance" if distance >= 0.0 else "preload of", abs(distance))
+        _say(ax, 6.05, 0.5 * (heights[rest] + heights[place]), name, "length")
     if rest:
         _arrow(ax, 8.0, heights[0.0], heights[rest], DRAWING["ink"])
-        ax.text(7.92, 0.5 * (heights[0.0] + heights[rest]), words.length("sag", abs(rest)),
-                ha="right", va="center", fontsize="small")  # fmt: skip
+        sag = words.length("sag", abs(rest))
+        _say(ax, 7.92, 0.5 * (heights[0.0] + heights[rest]), sag, ha="right")
 
 
-def _arrow(ax: Axes, x: float, start: float, end: float, colour: str) -> None:
-    ax.annotate(
-        "", (x, start), (x, end),
-        arrowprops={"arrowstyle": "<->", "color": colour, "shrinkA": 0, "shrinkB": 0},
-    )  # fmt: skip
+def _arrow(ax: Axes, x: float, start: float, end: float, colour: str, **more: Any) -> None:
+    look = {"arrowstyle": "<->", "color": colour, "shrinkA": 0, "shrinkB": 0} | more
+    ax.annotate("", (x, start), (x, end), arrowprops=look)
 
 
 def _length(metres: float) -> str:
@@ -801,10 +753,10 @@ def draw_gaps(pairs: Any, rests: Mapping[str, float], ax: Axes | None = None) ->
     for row, pair in enumerate(shown):
         _draw_gap(ax, pair, rests.get(pair.name, 0.0), -float(row))
     left = len(list(pairs)) - len(shown)
-    ax.text(-0.36, -len(shown) + 0.35, "circle: unloaded position; dot: static equilibrium"
-            + (f"; {left} more gaps" if left else ""), fontsize="small", va="top")  # fmt: skip
-    ax.set_xlim(-1.0, 1.35)
-    ax.set_ylim(-len(shown) - 0.1, 0.6)
+    words = "circle: unloaded position; dot: static equilibrium"
+    words += f"; {left} more gaps" if left else ""
+    _say(ax, -0.36, -len(shown) + 0.35, words, va="top")
+    ax.set(xlim=(-1.0, 1.35), ylim=(-len(shown) - 0.1, 0.6))
     ax.set_axis_off()
     return ax
 
@@ -819,17 +771,17 @@ def _draw_gap(ax: Axes, pair: ImpactPair, rest: float, row: float) -> None:
         return 0.12 + 0.76 * (x - low) / span
 
     ax.plot([0.02, 0.98], [row, row], color=DRAWING["line"], linewidth=1.0, zorder=0)
-    ax.text(-0.36, row, pair.name, ha="right", va="center", fontsize="small")
-    for side, sign in (("lower", -1.0), ("upper", 1.0)):
+    _say(ax, -0.36, row, pair.name, ha="right")
+    small: dict[str, Any] = {"fontsize": "x-small"}
+    for side, sign, align in (("lower", -1.0, "right"), ("upper", 1.0, "left")):
         position = getattr(pair, side)
         if position is None:
             continue
-        x = place(position)
+        x, paper = place(position), {"color": "white", "pad": 0.5}
         ax.fill_between([x, x + 0.04 * sign], row - 0.22, row + 0.22, color=COLOURS["stop"])
-        ax.text(x + 0.05 * sign, row, f"{side} {_length(position)}", va="center",
-                fontsize="x-small", ha="right" if sign < 0.0 else "left", color=DRAWING["ink"],
-                bbox={"color": "white", "pad": 0.5})  # fmt: skip
-        ax.text(0.5 * (x + place(rest)), row + 0.1, _length(abs(position - rest)), ha="center",
-                va="bottom", fontsize="x-small", color=DRAWING["length"])  # fmt: skip
+        words, distance = f"{side} {_length(position)}", _length(abs(position - rest))
+        _say(ax, x + 0.05 * sign, row, words, ha=align, bbox=paper, **small)
+        middle = 0.5 * (x + place(rest))
+        _say(ax, middle, row + 0.1, distance, "length", ha="center", va="bottom", **small)
     ax.plot(place(0.0), row, "o", mfc="white", mec=DRAWING["ink"], markersize=7)
     ax.plot(place(rest), row, "o", color=DRAWING["ink"], markersize=3.5)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,13 +16,13 @@ from stochvi.views.axes import (
     BASINS,
     BEYOND,
     CHAOTIC,
-    COLOURS,
     UNDECIDED,
-    add_grid,
-    axes_or_new,
+    Chart,
+    Scale,
     legend_above,
-    length_unit,
-    plain_ticks,
+    length_of,
+    listed,
+    panels,
 )
 from stochvi.views.pages import Grid, Told, records, told_of
 
@@ -105,7 +106,7 @@ def sine_told(found: HarmonicResponse) -> Told:
     )
 
 
-def _name(found: HarmonicResponse) -> str:
+def _name(found: HarmonicResponse | Bifurcation) -> str:
     return "frequency (Hz)" if found.key == "frequency_hz" else found.key
 
 
@@ -125,83 +126,61 @@ def _range(values: np.ndarray) -> str:
 def plot_sine(found: HarmonicResponse, ax: Axes | None = None) -> Axes:
     """Displacement, impact speed and acceleration of the branches: stable ones full, unstable ones
     dashed, simulated motions as dots. A ValueError says that there is none to draw. Given Axes get
-    the impact speed alone."""
-    import matplotlib.pyplot as plt
-
-    if ax is not None:
-        legend_above(plot_branches(found, ax, "impact_speed_max"), 2)
-        return ax
-    figure, axes = plt.subplots(3, 1, figsize=SIZE, sharex=True, layout="constrained")
-    for panel, column in zip(axes, PANELS, strict=True):
-        plot_branches(found, panel, column)
-    if not any(panel.has_data() for panel in axes):
+    the displacement alone."""
+    draw = [partial(plot_branches, found, column=column) for column in PANELS]
+    first = panels(ax, draw, SIZE)
+    figure: Any = first.figure
+    if not any(panel.has_data() for panel in figure.axes):
         raise ValueError("no motion was found")
-    for panel in axes[:2]:
-        panel.set_xlabel("")
+    if ax is not None:
+        legend_above(ax, 2)
+        return ax
     if found.branches:
-        lines = axes[0].get_legend_handles_labels()
+        lines = first.get_legend_handles_labels()
         figure.legend(*lines, fontsize="x-small", ncols=2, loc="outside lower center")
     jumps = "; dotted: a slow sweep jumps" if found.jumps else ""
-    axes[0].set_title(
-        f"{found.coordinate}: full where stable, dashed where unstable{jumps}", fontsize="medium"
-    )
-    return axes[0]  # type: ignore[no-any-return]
+    words = f"{found.coordinate}: full where stable, dashed where unstable{jumps}"
+    first.set_title(words, fontsize="medium")
+    return first
 
 
 def plot_branches(found: HarmonicResponse, ax: Axes, column: str) -> Axes:
     """One quantity of all branches over the varied number."""
     words, quantity = PANELS[column]
-    name, unit = quantity.shown
-    tables = [(branch, _columns(branch)) for branch in found.branches]
+    tables = [(branch, _columns(branch)[column]) for branch in found.branches]
     if column == "displacement_max" and tables:
-        largest = max(float(np.nanmax(table[column])) for _, table in tables)
-        unit, name = length_unit(largest)
-    coloured = sorted(
-        range(len(tables)), key=lambda number: _extent(tables[number][0]), reverse=True
-    )
+        quantity = length_of(max(float(np.nanmax(values)) for _, values in tables))
+    # impact speeds begin with 0
+    log = column != "impact_speed_max" and _wide([v[b.admissible] for b, v in tables])
+    ends = [float(value) for branch in found.branches for value in branch.value[[0, -1]]]
+    over = bool(ends) and max(ends) > WIDE * min(ends) > 0.0
+    chart = Chart(ax, Scale(_name(found), log=over), Scale(words, quantity, log))
+    coloured = sorted(range(len(tables)), key=lambda n: _extent(tables[n][0]), reverse=True)
     colours = {number: f"C{place}" for place, number in enumerate(coloured[:MOST_COLOURS])}
-    for number, (branch, table) in enumerate(tables):
-        colour = colours.get(number, COLOURS["stop"])
+    for number, (branch, height) in enumerate(tables):
+        colour, named = colours.get(number, "stop"), number in colours
         for stable, style in ((True, "-"), (False, "--")):
             chosen = branch.admissible & (branch.stable == stable)
             # a line goes on to the first point of the other style
             reached = chosen | np.append(chosen[1:], False) | np.insert(chosen[:-1], 0, False)
-            values = np.where(reached & branch.admissible, table[column] / unit, np.nan)
-            label = f"{number}: {_label(branch)}" if stable and number in colours else None
-            width = 1.3 if number in colours else 0.7
-            # one value alone makes no line
-            dot = "o" if len(branch.value) == 1 else ""
-            ax.plot(
-                branch.value, values, style, marker=dot, ms=4.0, color=colour, linewidth=width,
-                label=label,
-            )  # fmt: skip
-        special = np.array([bool(each) for each in branch.names]) & branch.admissible
-        if number in colours:
-            ax.plot(branch.value[special], table[column][special] / unit, "o", color=colour, ms=3.0)
+            values = np.where(reached & branch.admissible, height, np.nan)
+            label = f"{number}: {_label(branch)}" if stable and named else None
+            chart.curve(branch.value, values, label, colour, style, linewidth=1.3 if named else 0.7)
+        if named:
+            special = np.array([bool(each) for each in branch.names]) & branch.admissible
+            chart.points(branch.value[special], height[special], None, colour, markersize=3.0)
     for swept in found.simulated:
-        marker = "^" if swept.upwards else "v"
-        values = swept.displacement_max if column == "displacement_max" else swept.impact_speed_max
         if column != "acceleration_max":
-            ax.plot(
-                swept.value, values / unit, marker, ms=2.5, color=COLOURS["simulate"], alpha=0.6,
-                label=f"simulated, {'up' if swept.upwards else 'down'}",
+            way, form = ("up", "^") if swept.upwards else ("down", "v")
+            chart.points(
+                swept.value, getattr(swept, column), f"simulated, {way}", form=form,
+                markersize=2.5, alpha=0.6,
             )  # fmt: skip
     for jump in found.jumps:
-        ax.axvline(jump.value, color=COLOURS["stop"], linestyle=":", linewidth=1.0)
-    ax.set_xlabel(_name(found))
-    ax.set_ylabel(f"{words} ({name})")
-    ax.set_ylim(bottom=0.0)
-    # impact speeds begin with 0
-    if column != "impact_speed_max" and _wide(
-        [table[column][branch.admissible] for branch, table in tables]
-    ):
-        ax.set_yscale("log")
-        ax.autoscale(axis="y")
-    ends = [float(value) for branch in found.branches for value in branch.value[[0, -1]]]
-    if ends and max(ends) > WIDE * min(ends) > 0.0:
-        ax.set_xscale("log")
-    add_grid(ax)
-    return ax
+        chart.at(jump.value, None, style=":", linewidth=1.0)
+    if not log:
+        ax.set_ylim(bottom=0.0)
+    return chart.finish(0)
 
 
 def _extent(branch: Branch) -> tuple[float, float]:
@@ -285,32 +264,18 @@ def lifetimes_told(found: LifeTimes) -> Told:
 
 def plot_lifetimes(found: LifeTimes, ax: Axes | None = None) -> Axes:
     """Mean life times with their 95 % intervals, and where paths go; arrows are lower limits."""
-    rows = len(found.regimes)
-    ax = axes_or_new(ax, (MAP_SIZE[0], 1.4 + 0.6 * rows))
+    names = [each.regime for each in found.regimes]
+    chart = listed(ax, names, Scale("mean life time", TIME, log=True), 0.6)
     longest = max((each.life_time or each.life_time_low for each in found.regimes), default=1.0)
     for row, each in enumerate(found.regimes):
-        colour = COLOURS["simulate"]
-        if each.life_time is None or each.life_time_high is None:
-            ax.plot(TIME(each.life_time_low or longest), row, ">", color=colour)
-        else:
-            ends = (each.life_time_low, each.life_time, each.life_time_high)
-            low, middle, high = map(TIME, ends)
-            bars = [[middle - low], [high - middle]]
-            ax.errorbar(middle, row, xerr=bars, fmt="o", capsize=3, color=colour)
+        known = None if each.life_time_high is None else each.life_time
+        low = each.life_time_low or longest
+        chart.across(row, known, low, None if known is None else each.life_time_high)
         there = ", ".join(f"{100.0 * to.share:.0f} % to {to.regime}" for to in each.destinations)
-        place = TIME(each.life_time or each.life_time_low or longest)
-        ax.annotate(
-            there or "longer than this (95 %): no path left it", (place, row), (0.0, 9.0),
-            textcoords="offset points", ha="center", fontsize="small",
-        )  # fmt: skip
-    ax.set_xscale("log")
-    ax.margins(x=0.45)
-    ax.set_yticks(range(rows), [each.regime for each in found.regimes])
-    ax.set_ylim(rows - 0.5, -0.7)
-    ax.set_xlabel(f"mean life time ({TIME})")
-    plain_ticks(ax)
-    add_grid(ax)
-    return ax
+        there = there or "longer than this (95 %): no path left it"
+        chart.note(there, each.life_time or low, row, (0.0, 9.0), ha="center")
+    chart.ax.margins(x=0.45)
+    return chart.finish()
 
 
 def plot_basins(found: Basins, ax: Axes | None = None) -> Axes:
@@ -318,47 +283,36 @@ def plot_basins(found: Basins, ax: Axes | None = None) -> Axes:
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
-    ax = axes_or_new(ax, MAP_SIZE)
-    shades, handles, number = list[str](), list[Patch](), 0
-    for regime in found.regimes:
-        if regime.kind == "chaotic":
-            shade = CHAOTIC
-        else:
-            shade, number = BASINS[number % len(BASINS)], number + 1
-        shades.append(shade)
-        label = f"{regime.name}: {100.0 * regime.share:.3g} %"
-        handles.append(Patch(color=shade, label=label))
-    if found.undecided:
-        label = f"undecided: {100.0 * found.undecided:.3g} %"
-        handles.append(Patch(color=UNDECIDED, label=label))
-    units, labels = zip(*(_unit(*each) for each in _sides(found)), strict=True)
-    edges = [
-        _edges(side / unit) for side, unit in zip((found.across, found.up), units, strict=True)
+    light = itertools.cycle(BASINS)
+    shades = [CHAOTIC if each.kind == "chaotic" else next(light) for each in found.regimes]
+    named = [
+        (each.name, each.share, shade) for each, shade in zip(found.regimes, shades, strict=True)
     ]
-    colours = ListedColormap([BEYOND, UNDECIDED, *shades])
-    ax.pcolormesh(
-        *edges, found.ends + 2, cmap=colours, vmin=-0.5, vmax=len(shades) + 1.5, rasterized=True
-    )
-    marks = _mark(found, ax, units)
-    ax.set_xlim(edges[0][0], edges[0][-1])
-    ax.set_ylim(edges[1][0], edges[1][-1])
-    ax.set_xlabel(labels[0])
-    ax.set_ylabel(labels[1])
-    legend_above(ax, 2, handles=[*handles, *marks[:1]])
-    return ax
+    named += [("undecided", found.undecided, UNDECIDED)] if found.undecided else []
+    handles: list[Any] = [
+        Patch(color=shade, label=f"{name}: {100.0 * share:.3g} %") for name, share, shade in named
+    ]
+    sides = [_scale(*each) for each in _sides(found)]
+    chart = Chart.on(ax, sides[0], sides[1], MAP_SIZE)
+    across, up = _edges(chart.x.quantity(found.across)), _edges(chart.y.quantity(found.up))
+    chart.ax.pcolormesh(
+        across, up, found.ends + 2, cmap=ListedColormap([BEYOND, UNDECIDED, *shades]), vmin=-0.5,
+        vmax=len(shades) + 1.5, rasterized=True,
+    )  # fmt: skip
+    handles += _mark(found, chart)[:1]
+    chart.ax.set(xlim=across[[0, -1]], ylim=up[[0, -1]])
+    return chart.finish(2, handles=handles, labels=[each.get_label() for each in handles])
 
 
 def _sides(found: Basins) -> list[tuple[str, np.ndarray]]:
     return list(zip(found.plane, (found.across, found.up), strict=True))
 
 
-def _unit(name: str, values: np.ndarray) -> tuple[float, str]:
-    """The unit of an axis and its label."""
+def _scale(name: str, values: np.ndarray) -> Scale:
+    """The scale of an axis."""
     what, _, coordinate = name.partition(".")
-    if what == "velocity":
-        return SPEED.shown.si, f"velocity of {coordinate} at the start ({SPEED})"
-    unit, word = length_unit(float(np.abs(values).max()) or 1.0)
-    return unit, f"displacement of {coordinate} at the start ({word})"
+    length = length_of(float(np.abs(values).max()) or 1.0)
+    return Scale(f"{what} of {coordinate} at the start", SPEED if what == "velocity" else length)
 
 
 def _edges(values: np.ndarray) -> np.ndarray:
@@ -371,7 +325,7 @@ def _edges(values: np.ndarray) -> np.ndarray:
                            [1.5 * values[-1] - 0.5 * values[-2]]])  # fmt: skip
 
 
-def _mark(found: Basins, ax: Axes, units: tuple[float, ...]) -> list[Line2D]:
+def _mark(found: Basins, chart: Chart) -> list[Line2D]:
     """Mark the states of the periodic regimes at the phase of the starts; only with one coordinate
     do they lie in the plane of the map."""
     marks: list[Line2D] = []
@@ -381,45 +335,42 @@ def _mark(found: Basins, ax: Axes, units: tuple[float, ...]) -> list[Line2D]:
         if regime.kind == "periodic":
             known = {"displacement": regime.displacement[0], "velocity": regime.velocity[0]}
             x, y = (known[name.partition(".")[0]] for name in found.plane)
-            where = x / units[0], y / units[1]
-            marks += ax.plot(*where, "ok", markersize=4.0, label="the motion itself")
+            where = chart.x.quantity(x), chart.y.quantity(y)
+            marks += chart.ax.plot(*where, "ok", markersize=4.0, label="the motion itself")
     return marks
 
 
 def draw_bifurcation(found: Bifurcation, ax: Axes | None = None) -> Axes:
     """Draw impact speeds over the varied number, and the Lyapunov exponent below them."""
-    import matplotlib.pyplot as plt
-
-    if ax is not None:
-        return _plot_speeds(found, ax)
-    _, axes = plt.subplots(
-        2, 1, figsize=DIAGRAM_SIZE, sharex=True, layout="constrained", height_ratios=(2, 1)
-    )
-    first: Axes = _plot_speeds(found, axes[0])
-    first.set_xlabel("")
-    for sweep in found.sweeps:
-        axes[1].plot(sweep.value, RATE(sweep.lyapunov), **_style(upwards=sweep.upwards))
-    axes[1].axhline(0.0, color=COLOURS["stop"], linewidth=1.0)
-    axes[1].set_ylabel(f"Lyapunov exponent ({RATE})")
-    axes[1].set_xlabel(_basin_name(found))
-    add_grid(axes[1])
-    return first
+    draw = [partial(each, found) for each in (_draw_speeds, _draw_exponents)]
+    return panels(ax, draw, DIAGRAM_SIZE, height_ratios=(2, 1))
 
 
-def _plot_speeds(found: Bifurcation, ax: Axes) -> Axes:
+def _draw_speeds(found: Bifurcation, ax: Axes) -> None:
+    chart = Chart(ax, Scale(_name(found)), Scale("impact speed", SPEED))
     for sweep in found.sweeps:
         pairs = zip(sweep.value, sweep.impact_speed, strict=True)
         # a motion that repeats itself strikes at the same speeds again and again
         rows = [(value, speed) for value, speeds in pairs for speed in _distinct(speeds)]
         values, speeds = np.array(rows).reshape(-1, 2).T
-        word = "up" if sweep.upwards else "down"
-        ax.plot(values, SPEED(speeds), label=f"sweep {word}", **_style(upwards=sweep.upwards))
+        _dots(chart, values, speeds, upwards=sweep.upwards)
     ax.set_ylim(bottom=0.0)
-    ax.set_ylabel(f"impact speed ({SPEED})")
-    ax.set_xlabel(_basin_name(found))
-    ax.legend(fontsize="small", markerscale=2.0)
-    add_grid(ax)
-    return ax
+    chart.finish(markerscale=2.0)
+
+
+def _draw_exponents(found: Bifurcation, ax: Axes) -> None:
+    chart = Chart(ax, Scale(_name(found)), Scale("Lyapunov exponent", RATE))
+    for sweep in found.sweeps:
+        _dots(chart, sweep.value, sweep.lyapunov, upwards=sweep.upwards)
+    chart.level(0.0)
+    chart.finish(0)
+
+
+def _dots(chart: Chart, x: np.ndarray, y: np.ndarray, *, upwards: bool) -> None:
+    """Dots of a sweep; those of a downward sweep are smaller, so that both are seen where they
+    agree."""
+    way, colour, size = ("up", "simulate", 2.4) if upwards else ("down", "linearise:closure", 0.8)
+    chart.points(x, y, f"sweep {way}", colour, markersize=size)
 
 
 def _distinct(speeds: np.ndarray) -> np.ndarray:
@@ -427,18 +378,6 @@ def _distinct(speeds: np.ndarray) -> np.ndarray:
         return np.zeros(1)
     digits = max(0, 5 - int(np.floor(np.log10(max(float(speeds.max()), 1e-300)))))
     return np.unique(speeds.round(digits))
-
-
-def _style(*, upwards: bool) -> dict[str, Any]:
-    """Style of the dots of a sweep; dots of a downward sweep are smaller, so that both are seen
-    where they agree."""
-    colour = COLOURS["simulate"] if upwards else COLOURS["linearise:closure"]
-    size = 2.4 if upwards else 0.8
-    return {"linestyle": "none", "marker": "o", "markersize": size, "color": colour}
-
-
-def _basin_name(found: Bifurcation) -> str:
-    return "frequency (Hz)" if found.key == "frequency_hz" else found.key
 
 
 # ------------------------------------------------------------------------------
@@ -467,14 +406,9 @@ def words_of_rate(found: Stability, name: str) -> str:
 
 def plot_stability(found: Stability, ax: Axes | None = None) -> Axes:
     """Rates of growth with their 95 % intervals; what lies right of 0 grows."""
-    ax = axes_or_new(ax, (6.4, 2.4))
+    names = [words_of_rate(found, name) for name in found.rates]
+    chart = listed(ax, names, Scale("rate of growth, below 0 it decays", RATE))
     for row, each in enumerate(found.rates.values()):
-        low, high = each.interval()
-        bars = [[RATE(each.value - low)], [RATE(high - each.value)]]
-        ax.errorbar(RATE(each.value), row, xerr=bars, fmt="o", capsize=3, color=COLOURS["simulate"])
-    ax.axvline(0.0, color="black", linewidth=0.8)
-    ax.set_yticks(range(len(found.rates)), [words_of_rate(found, name) for name in found.rates])
-    ax.set_ylim(len(found.rates) - 0.5, -0.5)
-    ax.set_xlabel(f"rate of growth ({RATE}); below 0 it decays")
-    add_grid(ax)
-    return ax
+        chart.across(row, each.value, *each.interval())
+    chart.at(0.0, None, "black", linewidth=0.8)
+    return chart.finish()

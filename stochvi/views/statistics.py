@@ -4,6 +4,7 @@ tables of spectra and impacts; the risk of a mission."""
 from __future__ import annotations
 
 import re
+import textwrap
 from functools import partial
 from itertools import chain, product
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -38,19 +39,19 @@ from stochvi.results.estimates import (
     spoken_percent,
 )
 from stochvi.views.axes import (
-    BAND_ALPHA,
     CLEARANCES,
     COLOURS,
+    FREQUENCY,
     MOST_OF_SPECTRA,
     OWNERS,
-    PAGE,
     TRANSFERS,
-    add_grid,
-    axes_or_new,
-    label_for_page,
-    legend_above,
+    Chart,
+    Scale,
+    density_of,
     limit_decades,
+    listed,
     owner_colours,
+    panels,
     plain_ticks,
 )
 from stochvi.views.pages import (
@@ -101,86 +102,63 @@ TRANSFER_NAMES = {
 
 TITLE = "spectra, one-sided per hertz, with 95 % bands"
 
-
-def plot_curve(
-    curve: Curve, ax: Axes, *, colour: str = OWNERS[0], label: str = "",
-    quantity: ShownQuantity = NUMBER,
-) -> Axes:  # fmt: skip
-    """A curve with its 95 % band, both axes logarithmic; values that reach zero leave the view."""
-    ax.fill_between(
-        curve.frequency_hz, np.maximum(quantity(curve.lower), 1e-300), quantity(curve.upper),
-        color=colour, alpha=BAND_ALPHA, linewidth=0,
-    )  # fmt: skip
-    ax.plot(curve.frequency_hz, quantity(curve.value), color=colour, linewidth=0.9, label=label)
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    limit_decades(ax, MOST_OF_SPECTRA)
-    return ax
-
-
 MODAL = re.compile(r"mode \d+")
 """Names of modal coordinates, which are not drawn beside points."""
+
+
+def plot_curve(chart: Chart, curve: Curve, label: str | None, colour: str) -> None:
+    """A spectrum with its 95 % band; values that reach zero leave the view."""
+    low = np.maximum(curve.lower, 1e-300)
+    chart.curve(
+        curve.frequency_hz, curve.value, label, colour, low=low, high=curve.upper, linewidth=0.9
+    )
 
 
 def plot_spectrum(found: ResponseSpectrum, ax: Axes | None = None) -> Axes:
     """All spectra, one panel for each quantity; the last panel compares with the excitation. Given
     Axes get the first quantity."""
-    import matplotlib.pyplot as plt
-
-    if ax is not None:
-        for colour, (name, curves) in zip(OWNERS, found.curves.items(), strict=False):
-            plot_curve(next(iter(curves.values())), ax, colour=colour, label=name)
-        ax.set_xlabel("frequency (Hz)")
-        legend_above(ax)
-        return ax
-    shown = {owner: c for owner, c in found.curves.items() if not MODAL.fullmatch(owner)}
-    shown = shown or dict(found.curves)
+    points = {owner: c for owner, c in found.curves.items() if not MODAL.fullmatch(owner)}
+    shown = points or dict(found.curves)
     present = [name for name in DENSITIES if any(name in c for c in shown.values())]
     transfer = next((c for c in found.curves.values() if "coherence" in c), None)
-    rows = len(present) + (transfer is not None)
-    figure, grid = plt.subplots(
-        rows, 1, figsize=(7.2, 2.3 * rows + 0.6), sharex=True, squeeze=False, layout="constrained"
-    )
-    axes = grid[:, 0]
-    for panel, name in zip(axes, present, strict=False):
-        words, quantity = DENSITIES[name]
-        for colour, (owner, curves) in zip(OWNERS, shown.items(), strict=False):
-            if name in curves:
-                turns = owner in ROTATIONS
-                label, unit = (f"{owner} (rad for m)", NUMBER) if turns else (owner, quantity)
-                plot_curve(curves[name], panel, colour=colour, label=label, quantity=unit)
-        which, _, more = found.meanings.get(name, "").partition(", between impacts")
-        label = words.format("absolute, between impacts" if more else which)
-        panel.set_ylabel(f"{label}\n({quantity})")
-        panel.grid(alpha=0.25)
-    if len(shown) > 1:
-        legend_above(axes[0])
-    if transfer is not None:
-        _draw_transfer(transfer, axes[-1])
-    axes[-1].set_xlabel("frequency (Hz)")
-    plain_ticks(axes[-1])
-    figure.suptitle(TITLE, fontsize="medium")
-    return axes[0]  # type: ignore[no-any-return]
+    draw = [partial(_draw_densities, found, shown, name) for name in present]
+    draw += [] if transfer is None else [partial(_draw_transfer, transfer)]
+    return panels(ax, draw, (7.2, 2.3 * len(draw) + 0.6), TITLE)
+
+
+def _draw_densities(
+    found: ResponseSpectrum, shown: Mapping[str, Mapping[str, Curve]], name: str, ax: Axes
+) -> None:
+    """The densities of one quantity, radians in the place of metres of what turns."""
+    kind, quantity = DENSITIES[name]
+    which, _, more = found.meanings.get(name, "").partition(", between impacts")
+    label = kind.format("absolute, between impacts" if more else which)
+    chart = Chart.on(ax, FREQUENCY, Scale(f"{label}\n", quantity, log=True))
+    for colour, (owner, curves) in zip(OWNERS, shown.items(), strict=False):
+        if name in curves:
+            turns = owner in ROTATIONS
+            own = chart._replace(y=Scale("")) if turns else chart
+            words = f"{owner}{' (rad for m)' * turns}" if len(shown) > 1 else None
+            plot_curve(own, curves[name], words, colour)
+    limit_decades(ax, MOST_OF_SPECTRA)
+    chart.finish(3)
 
 
 def _draw_transfer(transfer: Mapping[str, Curve], ax: Axes) -> None:
     """Transmissibilities, and the coherence on a linear axis at the right."""
+    chart = Chart.on(ax, FREQUENCY, Scale("transmissibility", log=True))
     for name, label in TRANSFER_NAMES.items():
-        plot_curve(transfer[name], ax, colour=TRANSFERS[name], label=label)
+        plot_curve(chart, transfer[name], label, TRANSFERS[name])
     values = np.concatenate([transfer[name].value for name in TRANSFER_NAMES])
     ax.set_ylim(0.5 * max(values.min(), 1e-3 * values.max()), 1.5 * values.max())
-    ax.set_ylabel("transmissibility")
-    ax.grid(alpha=0.25)
-    right = ax.twinx()
-    plot_curve(
-        transfer["coherence"], right, colour=TRANSFERS["coherence"], label="coherence, right axis"
-    )
-    right.set_yscale("linear")
-    right.set_ylim(0.0, 1.05)
-    right.set_yticks(np.linspace(0.0, 1.0, 6))
-    right.set_ylabel("coherence", color=TRANSFERS["coherence"])
-    right.tick_params(axis="y", colors=TRANSFERS["coherence"])
-    legend_above(ax, handles=[*ax.get_lines(), *right.get_lines()])
+    right, colour = ax.twinx(), TRANSFERS["coherence"]
+    coherence = Chart(right, FREQUENCY, Scale("coherence"))
+    plot_curve(coherence, transfer["coherence"], "coherence, right axis", colour)
+    right.set(ylim=(0.0, 1.05), yticks=np.linspace(0.0, 1.0, 6))
+    right.set_ylabel("coherence", color=colour)
+    right.tick_params(axis="y", colors=colour)
+    lines = [*ax.get_lines(), *right.get_lines()]
+    chart.finish(3, handles=lines, labels=[str(each.get_label()) for each in lines])
 
 
 # ------------------------------------------------------------------------------
@@ -188,73 +166,67 @@ def _draw_transfer(transfer: Mapping[str, Curve], ax: Axes) -> None:
 # ------------------------------------------------------------------------------
 
 
-def plot_histogram(
-    found: Histogram, ax: Axes, quantity: ShownQuantity, *, colour: str = OWNERS[0], label: str = ""
-) -> Axes:
+SLOW = 0.3
+"""Share of the rms speed below which the power law of slow impacts is drawn."""
+
+
+def plot_histogram(chart: Chart, found: Histogram, label: str, colour: str) -> None:
     """A density on logarithmic bins, with its standard errors; empty bins are left out."""
-    seen, unit = found.density > 0.0, quantity.shown.si
-    ax.errorbar(
-        found.middles[seen] / unit, found.density[seen] * unit, found.standard_error[seen] * unit,
-        fmt="o", markersize=3, color=colour, linewidth=0.9, label=label,
+    seen = found.density > 0.0
+    density, error = found.density[seen], found.standard_error[seen]
+    chart.points(
+        found.middles[seen], density, label, colour, low=density - error, high=density + error,
+        capsize=0.0, markersize=3.0,
     )  # fmt: skip
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    return ax
 
 
 def plot_impacts(found: ImpactStatistics, ax: Axes | None = None) -> Axes:
     """Densities of impact speeds, with Rayleigh's of the same rms speed and the power law of slow
     impacts, and of the times between impacts. Given Axes get the speeds alone."""
-    import matplotlib.pyplot as plt
+    draw = [partial(each, found) for each in (_draw_speeds, _draw_intervals)]
+    return panels(ax, draw, (9.6, 4.2), "impacts", columns=2)
 
-    if ax is not None:
-        for colour, (name, pair) in zip(OWNERS, found.pairs.items(), strict=False):
-            if pair.speeds is not None:
-                plot_histogram(pair.speeds, ax, SPEED, colour=colour, label=name)
-        ax.set_xlabel(f"impact speed ({SPEED})")
-        ax.set_ylabel(f"density ({SPEED.inverse})")
-        legend_above(ax)
-        return ax
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
-    colours, speed, time = owner_colours(len(found.pairs)), SPEED.shown.si, TIME.shown.si
+
+def _draw_speeds(found: ImpactStatistics, ax: Axes) -> None:
+    chart = Chart(ax, Scale("impact speed", SPEED, log=True), density_of(SPEED, log=True))
+    colours = owner_colours(len(found.pairs))
     for colour, (name, pair) in zip(colours, found.pairs.items(), strict=True):
         if pair.speeds is None:
             continue
-        plot_histogram(pair.speeds, left, SPEED, colour=colour, label=name)
-        w = pair.speeds.middles
-        left.plot(w / speed, pair.rayleigh(w) * speed, "--", color=colour, linewidth=1.0)
+        w, density = pair.speeds.middles, pair.speeds.density
+        plot_histogram(chart, pair.speeds, name, colour)
+        chart.curve(w, pair.rayleigh(w), "Rayleigh", colour, "--", linewidth=1.0)
         for side, exponent in pair.exponents.items():
             if exponent.theory is None:
                 continue
-            seen = np.flatnonzero(pair.speeds.density > 0.0)
-            slow = w < 0.3 * pair.speed_rms.value if pair.speed_rms else w < 0.0
-            start = pair.speeds.density[seen][:8].mean(), w[seen][:8].mean()
-            power = start[0] * (w[slow] / start[1]) ** exponent.theory
+            seen = np.flatnonzero(density > 0.0)[:8]
+            slow = w[w < SLOW * pair.speed_rms.value] if pair.speed_rms else w[:0]
+            power = density[seen].mean() * (slow / w[seen].mean()) ** exponent.theory
             label = f"w^{exponent.theory:.2g}" + (f", {side}" if side != "both" else "")
-            left.plot(w[slow] / speed, power * speed, ":", color=colour, linewidth=1.6, label=label)
+            chart.curve(slow, power, label, colour, ":", linewidth=1.6)
+    _finish_histograms(chart)
+
+
+def _draw_intervals(found: ImpactStatistics, ax: Axes) -> None:
+    chart = Chart(ax, Scale("time between impacts", TIME, log=True), density_of(TIME, log=True))
+    colours = owner_colours(len(found.pairs))
+    for colour, (name, pair) in zip(colours, found.pairs.items(), strict=True):
         if pair.intervals is not None:
-            plot_histogram(pair.intervals, right, TIME, colour=colour, label=name)
+            plot_histogram(chart, pair.intervals, name, colour)
             t, rate = pair.intervals.middles, pair.rates["both"].estimate.value
             with np.errstate(under="ignore"):
                 poisson = rate * np.exp(-rate * t)
-            right.plot(t / time, poisson * time, "--", color=colour, linewidth=1.0)
-    for ax, law, labels in (
-        (left, "Rayleigh", (f"impact speed ({SPEED})", f"density ({SPEED.inverse})")),
-        (right, "Poisson", (f"time between impacts ({TIME})", f"density ({TIME.inverse})")),
-    ):
-        if ax.lines:
-            ax.plot([], [], "--", color="0.4", linewidth=1.0, label=law)
-        heights = [float(y) for each in ax.containers for y in each[0].get_ydata()]
-        ax.set_ylim(0.3 * min(heights, default=1e-3), 3.0 * max(heights, default=1.0))
-        ax.set_xlabel(labels[0])
-        ax.set_ylabel(labels[1])
-        ax.grid(alpha=0.25)
-        if ax.lines:
-            ax.legend(frameon=False, fontsize="small")
-        else:
-            ax.text(0.5, 0.5, "too few impacts", transform=ax.transAxes, ha="center")
-    figure.suptitle("impacts", fontsize="medium")
-    return left  # type: ignore[no-any-return]
+            chart.curve(t, poisson, "Poisson", colour, "--", linewidth=1.0)
+    _finish_histograms(chart)
+
+
+def _finish_histograms(chart: Chart) -> None:
+    """Show what the bins reach, whatever the laws beside them do."""
+    heights = [float(y) for each in chart.ax.containers for y in each[0].get_ydata()]
+    chart.ax.set_ylim(0.3 * min(heights, default=1e-3), 3.0 * max(heights, default=1.0))
+    chart.finish()
+    if not heights:
+        chart.ax.text(0.5, 0.5, "too few impacts", transform=chart.ax.transAxes, ha="center")
 
 
 # ------------------------------------------------------------------------------
@@ -364,103 +336,65 @@ def _hourly(per_hour: Estimate) -> str:
     return plus_minus(per_hour / 3600.0, HOURLY)
 
 
+EQUIPMENT = FREQUENCY._replace(words="natural frequency of the equipment")
+
+
 def plot_damage(found: Damage, ax: Axes | None = None) -> Axes:
     """Extreme response and shocks, fatigue damage, and the density that does the same damage. Given
-    Axes get the fatigue damage alone."""
-    import matplotlib.pyplot as plt
-
-    if ax is not None:
-        plot_fatigue(found, ax).set_xlabel("natural frequency of the equipment (Hz)")
-        return ax
-    figure, axes = plt.subplots(3, 1, figsize=(7.2, 8.4), sharex=True, layout="constrained")
-    plot_extremes(found, axes[0])
-    plot_fatigue(found, axes[1])
-    _curve(axes[2], found, found.equivalent_density, WITH, "same damage without stops", DENSITY)
-    if found.test is not None:
-        words = f"test of {spoken_mission(found.test.duration)}"
-        points = found.test.frequency_hz, DENSITY(found.test.density)
-        axes[2].plot(*points, "o-", color=SHOCK, markersize=3, label=words)
-        axes[2].legend(frameon=False, fontsize="small")
-    axes[2].set_ylabel(f"equivalent density\n({DENSITY}, one-sided)")
-    axes[2].set_yscale("log")
-    plain_ticks(axes[2])
-    add_grid(axes[2])
-    axes[2].set_xlabel("natural frequency of the equipment (Hz)")
-    words = (
-        f"equipment at {found.at}, Q = {found.quality:g}, in a mission of "
-        f"{spoken_mission(found.mission)}"
-    )
-    figure.suptitle(words, fontsize="medium")
-    return axes[0]  # type: ignore[no-any-return]
+    Axes get the first alone."""
+    mission = spoken_mission(found.mission)
+    title = f"equipment at {found.at}, Q = {found.quality:g}, in a mission of {mission}"
+    draw = [partial(each, found) for each in (_draw_extremes, _draw_fatigue, _draw_equivalent)]
+    return panels(ax, draw, (7.2, 8.4), title)
 
 
-def plot_extremes(found: Damage, ax: Axes | None = None) -> Axes:
+def _draw_extremes(found: Damage, ax: Axes) -> None:
     """Expected largest acceleration of the equipment with the range of 95 % of missions, rms, and
     shock spectra of impacts."""
-    ax = axes_or_new(ax)
-    f, shown = found.equipment_frequency_hz, ACCELERATION
-    spectra, without = found.with_stops, found.without_stops
-    largest = "largest of the record"
+    f, spectra, without = found.equipment_frequency_hz, found.with_stops, found.without_stops
+    chart = Chart(ax, EQUIPMENT, Scale("acceleration of\nthe equipment", ACCELERATION, log=True))
+    largest, low, high = "largest of the record", None, None
     if found.way != "record":  # one record has no scatter
-        largest = "expected largest"
-        ax.fill_between(
-            f, shown(spectra.extreme_lower), shown(spectra.extreme_upper), color=WITH,
-            alpha=BAND_ALPHA, linewidth=0, label="largest of 95 % of missions",
-        )  # fmt: skip
-    ax.plot(f, shown(spectra.extreme_response.value), color=WITH, label=largest)
+        largest = "expected largest, and that of 95 % of missions"
+        low, high = spectra.extreme_lower, spectra.extreme_upper
+    chart.curve(f, spectra.extreme_response.value, largest, WITH, low=low, high=high)
     if without is not None and without is not spectra:
-        ax.plot(f, shown(without.extreme_response.value), color=WITHOUT, label="without stops")
+        chart.curve(f, without.extreme_response.value, "without stops", WITHOUT)
     if found.shocks is not None:
-        ax.plot(f, shown(found.shocks.worst), "--", color=SHOCK, label="worst of 100 impacts")
-        ax.plot(f, shown(found.shocks.typical), ":", color=SHOCK, label="typical impact")
-    ax.plot(f, shown(spectra.response_rms.value), ls="-.", color=WITH, label="rms")
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ax.set_ylabel(f"acceleration of the\nequipment ({ACCELERATION})")
-    _show_one(ax, found)
-    plain_ticks(ax)
-    add_grid(ax)
-    legend_above(ax)
-    return ax
+        chart.curve(f, found.shocks.worst, "worst of 100 impacts", SHOCK, "--")
+        chart.curve(f, found.shocks.typical, "typical impact", SHOCK, ":")
+    chart.curve(f, spectra.response_rms.value, "rms", WITH, "-.")
+    chart.finish(3)
 
 
-def plot_fatigue(found: Damage, ax: Axes | None = None) -> Axes:
+def _draw_fatigue(found: Damage, ax: Axes) -> None:
     """Fatigue damage spectrum with its 95 % intervals, with stops and without."""
-    ax = axes_or_new(ax)
-    _curve(ax, found, found.with_stops.fatigue_damage, WITH, "with stops")
+    damage = Scale(f"fatigue damage\n(m/s)^{found.exponent:g}", log=True)
+    chart = Chart(ax, EQUIPMENT, damage)
+    _draw_values(chart, found, found.with_stops.fatigue_damage, "with stops", WITH)
     if found.without_stops is not None and found.without_stops is not found.with_stops:
-        _curve(ax, found, found.without_stops.fatigue_damage, WITHOUT, "without stops")
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ax.set_ylabel(f"fatigue damage\n(m/s)^{found.exponent:g}")
-    plain_ticks(ax)
-    add_grid(ax)
-    if ax.get_legend_handles_labels()[0]:
-        ax.legend(frameon=False, fontsize="small")
-    return ax
+        _draw_values(chart, found, found.without_stops.fatigue_damage, "without stops", WITHOUT)
+    chart.finish(3)
 
 
-def _curve(
-    ax: Axes,
-    found: Damage,
-    values: SpectrumValues,
-    colour: str,
-    label: str,
-    quantity: ShownQuantity = NUMBER,
+def _draw_equivalent(found: Damage, ax: Axes) -> None:
+    """The density that does the same damage without stops, and the test that was asked for."""
+    chart = Chart(ax, EQUIPMENT, Scale("equivalent one-sided\ndensity", DENSITY, log=True))
+    _draw_values(chart, found, found.equivalent_density, "same damage without stops", WITH)
+    if (test := found.test) is not None:
+        words = f"test of {spoken_mission(test.duration)}"
+        chart.curve(test.frequency_hz, test.density, words, SHOCK, marker="o", markersize=3)
+    chart.finish(3)
+
+
+def _draw_values(
+    chart: Chart, found: Damage, values: SpectrumValues, label: str, colour: str
 ) -> None:
-    """A curve with its 95 % intervals."""
-    f, half = found.equipment_frequency_hz, values.half_width_95()
-    low, high = np.maximum(values.value - half, 1e-3 * values.value), values.value + half
-    ax.fill_between(f, quantity(low), quantity(high), color=colour, alpha=BAND_ALPHA, linewidth=0)
-    ax.plot(f, quantity(values.value), color=colour, label=label)
-    _show_one(ax, found)
-
-
-def _show_one(ax: Axes, found: Damage) -> None:
-    """Mark the values of equipment of a single frequency, which no line would show."""
-    if len(found.equipment_frequency_hz) == 1:
-        for line in ax.lines:
-            line.set_marker("o")
+    """A spectrum with its 95 % intervals."""
+    half = values.half_width_95()
+    low = np.maximum(values.value - half, 1e-3 * values.value)
+    f = found.equipment_frequency_hz
+    chart.curve(f, values.value, label, colour, low=low, high=values.value + half)
 
 
 # ------------------------------------------------------------------------------
@@ -487,7 +421,7 @@ class Panel(NamedTuple):
     more: str = ""
 
 
-def panels(found: BumperMap) -> list[Panel]:
+def panels_of(found: BumperMap) -> list[Panel]:
     """The four panels of the picture."""
     per = "/kg" if found.scene_without_mass else ""
     return [
@@ -505,7 +439,7 @@ def bumper_map_told(found: BumperMap) -> Told:
         f"clearance ({LENGTH})": lambda row, _: f"{LENGTH(found.clearance[row]):.3g}",
         times: lambda _, column: f"{_stiffness(found)[column]:.3g}",
     }
-    for panel in panels(found):
+    for panel in panels_of(found):
         heading = panel.quantity.heading(panel.words, panel.more)
         shown[heading] = partial(_one_point, found, panel)
     if found.limits:
@@ -560,29 +494,9 @@ def _one_point(found: BumperMap, panel: Panel, row: int, column: int) -> str:
 def plot_bumper_map(found: BumperMap, ax: Axes | None = None) -> Axes:
     """Peak acceleration, force, rattle space and energy over clearance and stiffness, each with
     what the limits leave. Given Axes get the peak acceleration alone."""
-    import matplotlib.pyplot as plt
-
-    if ax is not None:
-        _draw_panel(found, panels(found)[0], ax)
-        ax.set(xlabel=f"clearance per side ({LENGTH})", ylabel=_stiffness_label(found))
-        return ax
-    figure, axes = plt.subplots(2, 2, figsize=SIZE, sharex=True, sharey=True, layout="constrained")
-    for ax, panel in zip(axes.ravel(), panels(found), strict=True):
-        _draw_panel(found, panel, ax)
-    for ax in axes[1]:
-        ax.set_xlabel(f"clearance per side ({LENGTH})")
-    for ax in axes[:, 0]:
-        ax.set_ylabel(_stiffness_label(found))
-    figure.suptitle(f"exceeded in {_risk(found)}; mean energy", fontsize="medium")
-    return axes[0, 0]  # type: ignore[no-any-return]
-
-
-def _stiffness_label(found: BumperMap) -> str:
-    return (
-        f"stiffness of a stop ({STIFFNESS})"
-        if _in_units(found)
-        else "stiffness of a stop, times its own"
-    )
+    draw = [partial(_draw_panel, found, panel) for panel in panels_of(found)]
+    title = f"exceeded in {_risk(found)}; mean energy"
+    return panels(ax, draw, SIZE, title, columns=2, sharex=True, sharey=True)
 
 
 def _draw_panel(found: BumperMap, panel: Panel, ax: Axes) -> None:
@@ -593,6 +507,9 @@ def _draw_panel(found: BumperMap, panel: Panel, ax: Axes) -> None:
 
     values = panel.quantity(getattr(found, panel.name).value.T)
     x, y = LENGTH(found.clearance), _stiffness(found)
+    stiffness = "stiffness of a stop"
+    stiffness = STIFFNESS.heading(stiffness) if _in_units(found) else f"{stiffness}, times its own"
+    ax.set(xlabel=f"clearance per side ({LENGTH})", ylabel=stiffness)
     known = np.ma.masked_invalid(np.where(values > 0.0, values, np.nan))
     low, high = float(known.min()), float(known.max())
     wide = high > 3.0 * low
@@ -845,30 +762,22 @@ def _known(value: Any, form: Callable[[Any], str]) -> str:
 def plot_chances(found: Reliability, ax: Axes | None = None) -> Axes:
     """Each probability with its interval on a logarithmic axis; an upper limit as an arrow. Those
     of phases stand below those of the whole mission."""
-    ax = axes_or_new(ax, PAGE)
     drawn = [(event_in_words(chance), chance) for chance in found.chances.values()]
     least = SMALLEST_DRAWN * max((chance.upper for _, chance in drawn), default=0.0)
-    for name, phase in found.phases.items():
-        drawn += [
-            (f"{name}, {event_in_words(chance)}", chance)
-            for chance in phase.chances.values()
-            if chance.upper > least
-        ]
-    for place, (words, chance) in enumerate(reversed(drawn)):
-        value, low, high = chance.estimate.value, chance.lower, chance.upper
-        if value > 0.0:
-            bars = [[value - low], [max(high - value, 0.0)]]
-            ax.errorbar([value], [place], xerr=bars, fmt="o", capsize=4, color=COLOURS["simulate"])
-        else:
-            ax.plot([high], [place], marker="<", markersize=9, color=COLOURS["simulate"])
-        # at the left edge, as a long text about its point would leave the picture
-        ax.annotate(
-            f"{words}: {chance_of(chance)}", (0.01, place), xytext=(0, 9), fontsize="small",
-            xycoords=ax.get_yaxis_transform(), textcoords="offset points",
-        )  # fmt: skip
-    ax.set_xscale("log")
-    ax.margins(x=0.2)
-    ax.set_ylim(-0.6, len(drawn) - 0.2)
-    ax.set_yticks([])
-    label_for_page(ax, f"probability in {spoken_mission(found.mission)}", "", legend=False)
-    return ax
+    drawn += [
+        (f"{name}, {event_in_words(chance)}", chance)
+        for name, phase in found.phases.items()
+        for chance in phase.chances.values()
+        if chance.upper > least
+    ]
+    names = [textwrap.fill(f"{words}: {chance_of(chance)}", LABEL_WIDTH) for words, chance in drawn]
+    mission = spoken_mission(found.mission)
+    chart = listed(ax, names, Scale(f"probability in {mission}", log=True), 0.45)
+    for row, (_, chance) in enumerate(drawn):
+        chart.across(row, chance.estimate.value or None, chance.lower, chance.upper)
+    chart.ax.margins(x=0.2)
+    return chart.finish()
+
+
+LABEL_WIDTH = 28
+"""Largest number of letters in a line of the name of an event."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.special import ndtri
 
 from stochvi.mathematics.units import (
     DENSITY,
@@ -17,15 +17,15 @@ from stochvi.mathematics.units import (
     LENGTH,
     MILLIRADIANS,
     MILLISECONDS,
+    PERCENT,
     SPEED,
     TIME,
     readable,
     shown_as,
 )
-from stochvi.results.base import ROTATIONS, of_angle, quantities_of
+from stochvi.results.base import ROTATIONS, DataFrame, of_angle, quantities_of
 from stochvi.results.estimates import NO_VALUE, capital, format_with_error
 from stochvi.verification.check import (
-    AGREES,
     APPROXIMATE,
     BALANCE,
     BALANCES_ONLY,
@@ -46,18 +46,15 @@ from stochvi.verification.cost import (
 )
 from stochvi.views.axes import (
     COLOURS,
+    FREQUENCY,
     OWNERS,
-    add_grid,
-    add_title,
-    around_shock,
-    axes_or_new,
+    Chart,
+    Scale,
     legend_above,
-    length_unit,
-    owner_colours,
-    plain_ticks,
-    seconds_of,
-    thinned,
+    length_of,
+    panels,
 )
+from stochvi.views.density import draw_motion, excerpt
 from stochvi.views.pages import Grid, Section, Told, told_of
 from stochvi.views.tables import (
     QUANTITY_NAMES,
@@ -81,9 +78,9 @@ MOST_PANELS = 9
 """Largest number of quantities in a picture of errors against time: more would be too small."""
 
 WORK_SECONDS = (1e-4, 1e4)
-ERROR_PERCENT = (1e-3, 1e2)
-"""Ends of both axes of the picture of errors, CPU seconds and per cent; a method beyond them is
-drawn at the edge."""
+LARGEST_ERRORS = (1e-5, 1.0)
+"""Ends of both axes of the picture of errors, CPU seconds and relative errors; a method beyond them
+is drawn at the edge."""
 
 WORK_TITLES = {
     "displacement_mean_square": "mean square displacement",
@@ -103,106 +100,60 @@ def plot_cost(found: WorkPrecision, ax: Axes | None = None) -> Axes:
     limit, dotted, and none where it is not known. Crosses are methods that simulate nothing,
     triangles the upper limits of their errors where these are not beyond the noise.
     """
-    import matplotlib.pyplot as plt
-
     keys = list(dict.fromkeys((row.of, row.quantity) for row in found.errors))
     keys = [key for key in keys if key[1] != "displacement_mean"][:MOST_PANELS]
-    if ax is not None:
-        plot_work_precision(found, *keys[0], ax)
-        ax.set(xlabel="CPU time of one core (s)", ylabel="relative error (%)")
-        legend_above(ax)
-        return ax
     columns = min(3, len(keys))
-    rows = -(-len(keys) // columns)
-    figure, grid = plt.subplots(
-        rows, columns, figsize=(3.4 * columns, 0.9 + 2.8 * rows), layout="constrained",
-        sharex=True, sharey=True, squeeze=False,
-    )  # fmt: skip
-    panels = list(grid.flat)
-    for number, (of, quantity) in enumerate(keys):
-        plot_work_precision(found, of, quantity, panels[number])
-        if number + columns >= len(keys):
-            panels[number].tick_params(labelbottom=True)
-            panels[number].set_xlabel("CPU time of one core (s)")
-        if number % columns == 0:
-            panels[number].set_ylabel("relative error (%)")
-    for panel in panels[len(keys) :]:
-        panel.axis("off")
-    named = [zip(*each.get_legend_handles_labels(), strict=True) for each in panels]
+    size = 3.4 * columns, 0.9 + 2.8 * -(-len(keys) // columns)
+    draw = [partial(_draw_work, found, *key) for key in keys]
+    first = panels(ax, draw, size, "what accuracy costs", columns, sharex=True, sharey=True)
+    figure: Any = first.figure
+    shown = figure.axes if ax is None else [first]
+    named = [zip(*each.get_legend_handles_labels(), strict=True) for each in shown]
     legend = {label: handle for pairs in named for handle, label in pairs}
-    figure.legend(
-        legend.values(), legend.keys(), loc="outside lower center", ncols=4, frameon=False
-    )
-    figure.suptitle("what accuracy costs", fontsize="medium")
-    return panels[0]  # type: ignore[no-any-return]
+    handles: dict[str, Any] = {"handles": [*legend.values()], "labels": [*legend]}
+    if ax is None:
+        figure.legend(
+            **handles, loc="outside lower center", ncols=min(4, columns + 1), frameon=False
+        )
+    else:
+        legend_above(ax, **handles)
+    return first
 
 
-def plot_work_precision(found: WorkPrecision, of: str, quantity: str, ax: Axes) -> None:
+def _draw_work(found: WorkPrecision, of: str, quantity: str, ax: Axes) -> None:
     """The panel of one quantity."""
-    import matplotlib.pyplot as plt
+    from matplotlib import colormaps
 
     rows = [row for row in found.errors if (row.of, row.quantity) == (of, quantity)]
-    colours = plt.get_cmap("viridis")(np.linspace(0.85, 0.1, len(rows)))
+    chart = Chart(
+        ax, Scale("CPU time of one core (s)", log=True), Scale("relative error", PERCENT, log=True)
+    )
     seconds = np.geomspace(*WORK_SECONDS, 121)
-    for row, colour in zip(rows, colours, strict=True):
-        noise = 100.0 * row.error_of_a_second / np.sqrt(seconds)
-        limit = row.step_bias_limit
-        floor = 0.0 if limit is None else 100.0 * limit
-        if limit is not None and row.bias_is_seen and not found.elastic:
-            floor = 100.0 * abs(row.step_bias)
-        ax.loglog(
-            seconds, np.hypot(noise, floor), color=colour, linewidth=1.6,
-            label=f"step {row.step:.3g} s",
-        )  # fmt: skip
+    for row, colour in zip(
+        rows, colormaps["viridis"](np.linspace(0.85, 0.1, len(rows))), strict=True
+    ):
+        floor = row.step_bias_limit or 0.0
+        if row.step_bias_limit is not None and row.bias_is_seen and not found.elastic:
+            floor = abs(row.step_bias)
+        error = np.hypot(row.error_of_a_second / np.sqrt(seconds), floor)
+        chart.curve(seconds, error, f"step {row.step:.3g} s", tuple(colour), linewidth=1.6)
         if floor > 0.0:
-            style = "--" if row.bias_is_seen else ":"
-            ax.axhline(floor, color=colour, linestyle=style, linewidth=0.9)
+            chart.level(floor, None, tuple(colour), "--" if row.bias_is_seen else ":")
     for model in found.models:
-        error, doubt = abs(model.model_error), NOISE * model.model_error_error
-        limit = 100.0 * (error if error > doubt else error + doubt)
-        if (model.of, model.quantity) == (of, quantity) and limit > ERROR_PERCENT[0]:
-            ax.plot(
-                max(model.cpu_seconds, WORK_SECONDS[0]), min(limit, ERROR_PERCENT[1]),
-                "x" if error > doubt else "v", color=COLOURS.get(model.method, COLOURS["stop"]),
-                markersize=7, markeredgewidth=2.0, label=model.method, clip_on=False,
+        off, doubt = abs(model.model_error), NOISE * model.model_error_error
+        limit = off if off > doubt else off + doubt
+        if (model.of, model.quantity) == (of, quantity) and limit > LARGEST_ERRORS[0]:
+            chart.points(
+                max(model.cpu_seconds, WORK_SECONDS[0]), min(limit, LARGEST_ERRORS[1]),
+                model.method, COLOURS.get(model.method, COLOURS["stop"]),
+                "x" if off > doubt else "v", markersize=7, markeredgewidth=2.0, clip_on=False,
             )  # fmt: skip
     if not found.elastic and all(row.step_bias_limit is None for row in rows):
         ax.text(0.96, 0.93, "bias not known", transform=ax.transAxes, ha="right", va="top")
-    ax.set_xlim(*WORK_SECONDS)
-    ax.set_ylim(*ERROR_PERCENT)
+    chart.finish(0)  # one legend names the lines of all panels
+    ax.set(xlim=WORK_SECONDS, ylim=PERCENT(LARGEST_ERRORS))
     ax.minorticks_off()  # those of eight decades on six panels take most of the time of the picture
-    add_grid(ax)
     ax.set_title(f"{WORK_TITLES[quantity]}, {of}", fontsize="medium")
-
-
-def draw_scores(found: Checks, ax: Axes | None = None) -> Axes:
-    """Normal quantile plot of the scores of all comparisons: a line of slope 1 if all agree.
-
-    Scores of one simulation are correlated. Against an exact answer there is no bias. The other
-    scores measure the part of a difference that the stated biases do not cover. They lie within the
-    line where these biases are larger than needed."""
-    frame = found.to_frame()
-    frame = frame[frame["verdict"].isin([AGREES, DISAGREES]) & frame["score"].notna()]
-    exactly = frame["reference"] == "exact"
-    ax = axes_or_new(ax)
-    reach = 1.1 * max(found.z, float(frame["score"].abs().max()) if len(frame) else 0.0)
-    ax.plot([-reach, reach], [-reach, reach], color=COLOURS["stop"], label="normal distribution")
-    for side in (-found.z, found.z):
-        ax.axhline(side, color=COLOURS["linearise:closure"], linestyle="--")
-    ax.text(-reach, found.z, f"  alarm at {found.z:.2f}", va="bottom")
-    for chosen, colour, label in (
-        (~exactly, COLOURS["linearise:motion"], "others, beyond their stated bias"),
-        (exactly, COLOURS["simulate"], "against the exact answer"),
-    ):
-        scores = np.sort(frame.loc[chosen, "score"].to_numpy())
-        expected = ndtri((np.arange(len(scores)) + 0.5) / max(len(scores), 1))
-        ax.plot(expected, scores, ".", color=colour, label=f"{len(scores)} {label}")
-    ax.set_xlim(-reach, reach)
-    ax.set_ylim(-1.6 * reach, 1.2 * reach)  # the legend stands below the lower line
-    ax.set_xlabel("score expected of a normal variable")
-    ax.set_ylabel("difference / standard error")
-    ax.legend(frameon=False, loc="lower right")
-    return ax
 
 
 # ------------------------------------------------------------------------------
@@ -591,70 +542,41 @@ def plot_identification(found: Identification, ax: Axes | None = None) -> Axes:
     """What was observed with the laws that fit best, and below it the residuals of the law to take.
 
     The record of a drop also has its force over the deflection. Given axes get the first panel."""
-    import matplotlib.pyplot as plt
-
-    if ax is not None:
-        return _draw_laws(found, ax)
-
-    columns = 1 if found.loop is None else 2
-    figure, axes = plt.subplots(
-        2, columns, figsize=(5.6 * columns, 4.8), layout="constrained", squeeze=False,
-    )  # fmt: skip
-    _draw_laws(found, axes[0, 0])
-    _draw_residuals(found, axes[1, 0])
-    if found.loop is not None:
-        for each in axes[:, 1]:
-            each.remove()
-        _draw_loop(found, figure.add_subplot(axes[0, 1].get_gridspec()[:, 1]))
-    return axes[0, 0]  # type: ignore[no-any-return]
+    draw = [partial(each, found) for each in (_draw_laws, _draw_residuals)]
+    draw += [] if found.loop is None else [partial(_draw_loop, found.loop)]
+    return panels(ax, draw, (6.4, 2.4 * len(draw) + 0.4), sharex=False)
 
 
-def _draw_laws(found: Identification, ax: Axes) -> Axes:
-    (words_of_place, place), quantity = PLACES[found.test.word], shown_as(found.test.unit)
+def _draw_laws(found: Identification, ax: Axes) -> None:
+    words, place = PLACES[found.test.word]
+    over = Scale(words, place, log=found.test.word == "restitution")
+    chart = Chart(ax, over, Scale(found.test.word, shown_as(found.test.unit)))
     table = found.curve.sort_values("place")
-    ax.plot(place(table["place"]), quantity(table["observed"]), "o", markersize=3,
-            color=COLOURS["exact"], label="measured")  # fmt: skip
+    chart.column(table, "place", "observed", "measured", "exact", "o", markersize=3)
     names = sorted(found.fits, key=lambda name: found.fits[name].criterion)[:MOST_LINES]
     if found.chosen not in names:
         names[-1] = found.chosen
     for name, colour, style in zip(names, OWNERS, STYLES, strict=False):
         words = f"{name} (to take)" if name == found.chosen else name
-        ax.plot(place(table["place"]), quantity(table[name]), style, color=colour, label=words)
-    ax.set_ylabel(quantity.heading(found.test.word))
-    ax.set_xlabel(place.heading(words_of_place))
-    if found.test.word == "restitution":
-        ax.set_xscale("log")
-    plain_ticks(ax)
-    legend_above(ax, 2)
-    add_grid(ax)
-    return ax
+        chart.curve(table["place"], table[name], words, colour, style)
+    chart.finish()
 
 
 def _draw_residuals(found: Identification, ax: Axes) -> None:
     words, place = PLACES[found.test.word]
-    table = found.curve
-    left = shown_as(found.test.unit)(table["observed"] - table[found.chosen])
-    ax.plot(place(table["place"]), left, "o", markersize=3, color=COLOURS["simulate"])
-    ax.axhline(0.0, color="black", linewidth=0.8)
-    ax.set_ylabel("measured - law")
-    ax.set_xlabel(place.heading(words))
-    if found.test.word == "restitution":
-        ax.set_xscale("log")
-    plain_ticks(ax)
-    add_grid(ax)
+    over = Scale(words, place, log=found.test.word == "restitution")
+    chart = Chart(ax, over, Scale("measured - law", shown_as(found.test.unit)))
+    left = found.curve["observed"] - found.curve[found.chosen]
+    chart.points(found.curve["place"], left, markersize=3)
+    chart.level(0.0)
+    chart.finish()
 
 
-def _draw_loop(found: Identification, ax: Axes) -> None:
-    loop = found.loop
-    assert loop is not None
-    ax.plot(LENGTH(loop["deflection"]), FORCE(loop["force"]), "o", markersize=3,
-            color=COLOURS["exact"], label="record, integrated")  # fmt: skip
-    ax.plot(LENGTH(loop["deflection"]), FORCE(loop["law"]), color=COLOURS["simulate"],
-            label="law on that motion")  # fmt: skip
-    ax.set_xlabel(f"deflection ({LENGTH})")
-    ax.set_ylabel(f"force ({FORCE})")
-    ax.legend(fontsize="small")
-    add_grid(ax)
+def _draw_loop(loop: DataFrame, ax: Axes) -> None:
+    chart = Chart(ax, Scale("deflection", LENGTH), Scale("force", FORCE))
+    chart.column(loop, "deflection", "force", "record, integrated", "exact", "o", markersize=3)
+    chart.curve(loop["deflection"], loop["law"], "law on that motion")
+    chart.finish()
 
 
 # ------------------------------------------------------------------------------
@@ -733,55 +655,16 @@ def _replay_grid(found: Replay) -> Grid:
     return Grid(caption="the record itself", headings=["", *headings], rows=rows)
 
 
-def plot_history(each: ReplayAt, ax: Axes | None = None) -> Axes:
-    """x(t) around the shock between its stops, with the impacts; all coordinates where there are
-    several."""
-    return _plot_shock(each, axes_or_new(ax, (9.6, 4.2)))
-
-
-def _plot_shock(each: ReplayAt, ax: Axes, *, whole: bool = False, legend: bool = True) -> Axes:
-    """x(t) with stops and impacts: around the shock, that is the fastest impact, or `whole`."""
+def plot_history(each: ReplayAt, ax: Axes | None = None, *, whole: bool = False) -> Axes:
+    """x(t) between its stops with the impacts, of all coordinates where there are several: around
+    the shock, that is the fastest impact, or the whole record."""
     kept = each.histories
     assert kept is not None
-    first = kept.displacement[_first_moving(each)]
-    part = slice(0, len(first)) if whole else around_shock(kept.time, first, _shock(each))
-    moving = [x for owner, x in kept.displacement.items() if owner not in ROTATIONS]
-    size = max((float(np.max(np.abs(x[part]))) for x in moving), default=0.0)
-    unit, name = length_unit(size)
-    width, angles = 0.5 if whole else 1.1, None
-    colours = owner_colours(len(kept.displacement))
-    for colour, (owner, x) in zip(colours, kept.displacement.items(), strict=True):
-        t, y = thinned(TIME(kept.time[part]), x[part])
-        if owner not in ROTATIONS:
-            ax.plot(t, y / unit, color=colour, linewidth=width, label=owner)
-            continue
-        if angles is None:
-            angles = ax.twinx()
-            angles.set_ylabel(f"rotation ({MILLIRADIANS}), dashed")
-        angles.plot(t, MILLIRADIANS(y), "--", color=colour, linewidth=width)
-        ax.plot([], [], "--", color=colour, label=owner)
-    if len(kept.displacement) == 1:
-        begin, end = kept.time[part][0], kept.time[part][-1]
-        for number, (stop, place) in enumerate(each.stops.items()):
-            label = f"{stop.rpartition(' ')[0]}" if number == 0 else None
-            ax.axhline(place / unit, color=COLOURS["stop"], linewidth=2.0, label=label)
-            hit = each.impacts[
-                (each.impacts["side"] == stop.rpartition(" ")[2])
-                & each.impacts["time"].between(begin, end)
-            ]
-            if not len(hit):
-                continue  # markers that are not clipped take the whole figure where there are none
-            named = "impacts" in ax.get_legend_handles_labels()[1]
-            ax.plot(TIME(hit["time"]), np.full(len(hit), place / unit), "v", markersize=4.5,
-                    color=COLOURS["linearise:closure"], clip_on=False, zorder=3,
-                    label=None if named else "impacts")  # fmt: skip
-    ax.margins(x=0.0)
-    ax.set_xlabel(seconds_of(part, kept.time))
-    ax.set_ylabel(f"displacement ({name})")
-    add_grid(ax)
-    if legend:
-        legend_above(ax, 4)
-    return ax
+    curves = kept.displacement
+    part = slice(None) if whole else excerpt(kept.time, curves[_first_moving(each)], each.impacts)
+    stops = each.stops if len(curves) == 1 else {}
+    size = (9.6, 4.2)
+    return draw_motion(ax, kept.time, curves, stops, each.impacts, part, size=size).finish(4)
 
 
 def plot_waterfall(each: ReplayAt, ax: Axes | None = None) -> Axes:
@@ -791,26 +674,25 @@ def plot_waterfall(each: ReplayAt, ax: Axes | None = None) -> Axes:
 
     kept = each.histories
     assert kept is not None
-    ax = axes_or_new(ax, (9.6, 4.2))
-    owner = _first_moving(each)
+    chart, owner = Chart.on(ax, Scale("time", TIME), FREQUENCY, (9.6, 4.2)), _first_moving(each)
     spectra = kept.short_time_spectra(owner)
     unit = shown_as("(rad/s^2)^2/Hz") if owner in ROTATIONS else DENSITY
     density = unit(np.maximum(spectra.density, LEAST_DENSITY))
     norm = LogNorm(density.max() / DECADES, density.max(), clip=True)
-    mesh = ax.pcolormesh(
+    mesh = chart.ax.pcolormesh(
         TIME(spectra.time), spectra.frequency_hz, density, norm=norm, cmap="viridis",
         shading="nearest", rasterized=True,
     )  # fmt: skip
-    ax.figure.colorbar(mesh, ax=ax, label=f"acceleration of {owner} ({unit})")
+    chart.ax.figure.colorbar(mesh, ax=chart.ax, label=f"acceleration of {owner} ({unit})")
     if len(each.impacts):
         times = TIME(np.asarray(each.impacts["time"]))
-        ax.plot(times, np.full(len(times), 1.02), "v", markersize=4.5, clip_on=False,
-                color=COLOURS["linearise:closure"], transform=ax.get_xaxis_transform(),
-                label="impacts")  # fmt: skip
-        ax.legend(frameon=False, fontsize="small", loc="lower right", bbox_to_anchor=(1.0, 1.03))
-    ax.set(yscale="log", ylim=spectra.frequency_hz[[0, -1]], xlabel=f"time ({TIME})",
-           ylabel="frequency (Hz)")  # fmt: skip
-    return ax
+        chart.ax.plot(
+            times, np.full(len(times), 1.02), "v", markersize=4.5, clip_on=False, label="impacts",
+            color=COLOURS["linearise:closure"], transform=chart.ax.get_xaxis_transform(),
+        )  # fmt: skip
+    chart.finish(borderaxespad=1.0)
+    chart.ax.set_ylim(*spectra.frequency_hz[[0, -1]])
+    return chart.ax
 
 
 def _first_moving(each: ReplayAt) -> str:
@@ -818,66 +700,48 @@ def _first_moving(each: ReplayAt) -> str:
     return min(each.coordinates, key=each.still.__contains__)
 
 
-def _shock(each: ReplayAt) -> float | None:
-    """Time of the fastest impact, s; None without impacts."""
-    if not len(each.impacts):
-        return None
-    return float(each.impacts["time"].iloc[int(each.impacts["speed"].to_numpy().argmax())])
-
-
 def plot_clearances(found: Replay, ax: Axes | None = None) -> Axes:
     """Impacts against clearance; the largest impact speed stands at each point."""
-    ax = axes_or_new(ax)
+    from matplotlib.ticker import MaxNLocator
+
     places = np.array([each.clearance for each in found.clearances], dtype=float)
     order = np.argsort(places)
-    unit, name = length_unit(float(places.max()))
     pairs = [next(iter(each.impact_pairs.values())) for each in found.clearances]
     hits = np.array([float(pair.hits) for pair in pairs])
-    ax.plot(places[order] / unit, hits[order], "o-", color=OWNERS[0])
+    clearance = Scale("clearance", length_of(float(places.max())))
+    chart = Chart.on(ax, clearance, Scale("impacts in the record"))
+    chart.curve(places[order], hits[order], marker="o")
     if hits.max() > MOST_ON_LINEAR_AXIS:
-        ax.set_yscale("symlog", linthresh=1.0)
-        ax.set_ylim(0.0, 4.0 * hits.max())
+        chart.ax.set_yscale("symlog", linthresh=1.0)
+        chart.ax.set_ylim(0.0, 4.0 * hits.max())
     else:
-        from matplotlib.ticker import MaxNLocator
-
-        ax.yaxis.set_major_locator(MaxNLocator(integer=True))
-        ax.set_ylim(0.0, HEADROOM * max(hits.max(), 1.0))
+        chart.ax.yaxis.set_major_locator(MaxNLocator(integer=True))
+        chart.ax.set_ylim(0.0, HEADROOM * max(hits.max(), 1.0))
     for number in order[:: -(-len(order) // MOST_SPEEDS)]:
         if (speed := pairs[number].impact_speed_max) is not None:
-            ax.annotate(
-                SPEED.text(float(speed), ".2g"), (places[number] / unit, hits[number]),
-                xytext=(5, 5), textcoords="offset points", fontsize="small",
-            )  # fmt: skip
-    ax.margins(x=0.12)
-    ax.set_xlabel(f"clearance ({name})")
-    ax.set_ylabel("impacts in the record")
-    add_grid(ax)
-    return ax
+            chart.note(SPEED.text(float(speed), ".2g"), places[number], hits[number])
+    chart.ax.margins(x=0.12)
+    return chart.finish()
 
 
 def draw_replay(found: Replay) -> Axes:
     """x(t) around the shock with the stops, above the whole record; over several clearances x(t)
     around the shock at some of them, then impacts over clearances."""
-    import matplotlib.pyplot as plt
-
-    single = found.only
+    single, title = found.only, "replay of the record"
     if single is not None:
         if single.histories is None:
             raise ValueError("there is no picture of x(t): its samples were not kept")
-        above, below = plt.subplots(
-            2, 1, figsize=(9.6, 6.4), height_ratios=[2, 1], layout="constrained"
-        )[1]
-        _plot_shock(single, above)
-        _plot_shock(single, below, whole=True, legend=False)
-        return add_title(above, "replay of the record")
+        draw = [partial(plot_history, single, whole=whole) for whole in (False, True)]
+        return panels(None, draw, (9.6, 6.4), title, sharex=False, height_ratios=(2, 1))
     shown = [each for each in found.clearances if each.histories is not None]
     shown = sorted(shown, key=lambda each: each.clearance or 0.0)[:MOST_MOTIONS]
-    axes = plt.subplots(
-        len(shown) + 1, 1, figsize=(9.6, 2.2 * len(shown) + 3.2), squeeze=False,
-        layout="constrained",
-    )[1][:, 0]  # fmt: skip
-    for each, ax in zip(shown, axes, strict=False):
-        _plot_shock(each, ax, legend=False)
-        ax.set_title(f"stops {spoken_length(each.clearance or 0.0)} away", fontsize="small")
-    plot_clearances(found, axes[-1])
-    return add_title(axes[0], "replay of the record")
+    draws: list[Any] = [partial(_draw_at, each) for each in shown]
+    draws.append(partial(plot_clearances, found))
+    return panels(None, draws, (9.6, 2.4 * len(shown) + 3.2), title, sharex=False)
+
+
+def _draw_at(each: ReplayAt, ax: Axes) -> None:
+    """x(t) under the clearance of its stops."""
+    plot_history(each, ax).set_title(
+        f"stops {spoken_length(each.clearance or 0.0)} away", loc="left", fontsize="small"
+    )

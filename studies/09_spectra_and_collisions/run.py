@@ -9,7 +9,7 @@ import pandas as pd
 from cases import linear, linearised, oscillator
 
 import stochvi
-from stochvi.mathematics.units import SPEED, TIME
+from stochvi.views.axes import FREQUENCY, Chart, Scale
 from stochvi.views.files import write_picture
 from stochvi.views.statistics import plot_curve, plot_histogram
 
@@ -21,6 +21,11 @@ options = parser.parse_args()
 QUICK = options.quick
 rows = []
 figure, (above, left, right) = plt.subplots(3, 1, figsize=(7.2, 10.5), layout="constrained")
+spectra = Chart(above, FREQUENCY, Scale("displacement (m²/Hz)", log=True))
+speeds = Chart(left, Scale("impact speed (m/s); dashed: Rayleigh", log=True),
+               Scale("density (s/m)", log=True))  # fmt: skip
+intervals = Chart(right, Scale("time between impacts (s)", log=True),
+                  Scale("density (1/s)", log=True))  # fmt: skip
 for restitution, colour in COLOURS.items():
     scene = oscillator(restitution, -1.0, 1.0)
     before = time.process_time()
@@ -29,7 +34,7 @@ for restitution, colour in COLOURS.items():
     curve, f = found.curves["x"]["displacement"], found.frequency_hz
     label = "no stops" if restitution is None else f"R = {restitution:g}"
     reference = linearised(scene, f) if restitution else linear(f)
-    plot_curve(curve, above, colour=colour, label=label)
+    plot_curve(spectra, curve, label, colour)
     above.plot(f, reference, ":" if restitution else "--", color="#1b1b1b", linewidth=1.0)
     rows.append({"quantity": "share of frequencies with the reference in the band",
                  "restitution": restitution, "value": curve.holds(reference).mean(),
@@ -54,16 +59,12 @@ for restitution, position in [(r, p) for r in (1.0, 0.8, 0.5) for p in (1.0, 0.0
                      "cpu_seconds": cost})  # fmt: skip
     if position and restitution in COLOURS:
         colour, w = COLOURS[restitution], found.speeds.middles
-        for ax, each, quantity in ((left, found.speeds, SPEED), (right, found.intervals, TIME)):
-            plot_histogram(each, ax, quantity, colour=colour, label=f"R = {restitution:g}")
+        for chart, each in ((speeds, found.speeds), (intervals, found.intervals)):
+            plot_histogram(chart, each, f"R = {restitution:g}", colour)
         left.plot(w, found.rayleigh(w), "--", color=colour, linewidth=1.0)
 pd.DataFrame(rows).to_csv(options.out / "result.csv", index=False)
-for ax, text, low in ((above, ("frequency (Hz)", "displacement (m²/Hz)"), 1e-3),
-                      (left, ("impact speed (m/s); dashed: Rayleigh", "density (s/m)"), 1e-4),
-                      (right, ("time between impacts (s)", "density (1/s)"), 1e-6)):  # fmt: skip
-    ax.set(xlabel=text[0], ylabel=text[1])
-    ax.set_ylim(bottom=low)
-    ax.legend(frameon=False, fontsize="small")
-    ax.grid(alpha=0.25)
+for chart, low in ((spectra, 1e-3), (speeds, 1e-4), (intervals, 1e-6)):
+    chart.finish(4)
+    chart.ax.set_ylim(bottom=low)
 above.set_title("spectra with 95 % bands; dashed exact, dotted linearised", fontsize="medium")
 write_picture(above, options.out / "figure.png")

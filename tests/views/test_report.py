@@ -468,6 +468,7 @@ def test_a_record_that_does_not_agree_has_the_first_card(
     ax = plot_risk(sizing)
     labels = " ".join(ax.get_legend_handles_labels()[1])
     assert ("calculated" in labels) != doubtful
+    assert (f"make {sizing.widest}" in labels) != doubtful
     # one number in words, on the card and in the picture, rounded upward
     assert ("the record itself: 8.101 mm" in labels) == doubtful
     assert page.cards[names.index("The record itself needs")].value == "8.101 mm"

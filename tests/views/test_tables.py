@@ -5,19 +5,22 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.axes import Axes
 from rich.console import Console
 
 from stochvi import Response, Scene, average, check, explain, fokker_planck, linearise, load_scene
-from stochvi.mathematics.units import shown_in, units_of
+from stochvi.mathematics.units import LENGTH, RATE, TIME, shown_in, units_of
 from stochvi.results.base import stated
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import shipped_scene
-from stochvi.views.axes import as_written
+from stochvi.views.axes import Chart, Scale, as_written, bounds_of, panels
 from stochvi.views.pages import Grid, Section, Told, print_told
 from stochvi.views.pictures import VIEWS, function_of, response_told, view_of
 from stochvi.views.verification import check_told, explanation_told
@@ -123,6 +126,57 @@ def test_a_logarithmic_axis_shows_its_lines_and_not_the_zero_of_a_band() -> None
     as_written(ax)
     low, high = ax.get_ylim()
     assert 1e-11 < low < 1e-9 and 1e5 < high < 1e7
+
+
+def test_a_chart_shows_si_numbers_in_the_units_of_its_scales_with_their_bounds() -> None:
+    table = pd.DataFrame(
+        {"clearance": [0.0127, 0.0254], "hit_rate": [2.0, 1.0], "hit_rate_low": [1.5, 0.5],
+         "hit_rate_high": [4.0, 3.0], "rice_rate": [3.0, 2.0]}
+    )  # fmt: skip
+    with shown_in(units_of("in, 1/h")):
+        chart = Chart.on(None, Scale("clearance", LENGTH), Scale("impacts", RATE, log=True))
+        chart.column(table, "clearance", "hit_rate", "simulated")
+        chart.column(table, "clearance", "hit_rate", "simulated", form="o")
+        chart.column(table, "clearance", "rice_rate", "by Rice")
+        ax = chart.finish()
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("clearance (in)", "impacts (1/h)")
+    assert (ax.get_xscale(), ax.get_yscale()) == ("linear", "log")
+    line, marks, rice = ax.get_lines()[0], ax.containers[0], ax.get_lines()[-1]
+    for each in (line, marks.lines[0]):  # type: ignore[attr-defined]
+        assert each.get_xdata() == pytest.approx([0.5, 1.0])
+        assert each.get_ydata() == pytest.approx([7200.0, 3600.0])
+    assert rice.get_ydata() == pytest.approx([10800.0, 7200.0])
+    band, bars = ax.collections  # a column without bounds has neither
+    ends = band.get_paths()[0].get_extents()
+    assert [ends.y0, ends.y1] == pytest.approx([1800.0, 14400.0])
+    assert bars.get_segments()[0][:, 1] == pytest.approx([5400.0, 14400.0])  # type: ignore[attr-defined]
+    legend = ax.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["simulated", "by Rice"]
+    plt.close("all")
+
+
+def test_bounds_of_a_column_come_from_its_standard_error_too() -> None:
+    table = pd.DataFrame({"share": [0.5], "share_error": [0.1], "other": [1.0]})
+    bounds = bounds_of(table, "share")
+    assert [float(bounds[end][0]) for end in ("low", "high")] == pytest.approx([0.304, 0.696], 1e-3)
+    assert bounds_of(table, "other") == {}
+
+
+def test_panels_share_the_scale_of_their_column_and_given_axes_get_the_first() -> None:
+    def draw(words: str, ax: Axes) -> None:
+        chart = Chart(ax, Scale("time", TIME), Scale(words, LENGTH))
+        chart.curve([0.0, 1.0], [0.0, 1.0])
+        chart.finish()
+
+    both = [partial(draw, words) for words in ("above", "below")]
+    figure: Any = panels(None, both, (4.0, 4.0), "two").figure
+    assert [ax.get_ylabel() for ax in figure.axes] == ["above (mm)", "below (mm)"]
+    assert [ax.get_xlabel() for ax in figure.axes] == ["", "time (s)"]
+    given = plt.subplots()[1]
+    assert panels(given, both, (4.0, 4.0)) is given
+    assert given.get_ylabel() == "above (mm)" and len(given.lines) == 1
+    plt.close("all")
 
 
 @pytest.mark.parametrize("name", VIEWS)

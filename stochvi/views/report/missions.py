@@ -21,11 +21,12 @@ from stochvi.scenes.phases import Phase
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Isolator
 from stochvi.views.axes import (
+    FREQUENCY,
     OWNERS,
     PAGE,
-    add_grid,
+    Chart,
+    Scale,
     axes_or_new,
-    plain_ticks,
 )
 from stochvi.views.isolator_tables import (
     clearance_told,
@@ -175,17 +176,13 @@ def _mounts(phase: Phase) -> list[str]:
 
 def plot_densities(densities: Mapping[str, Sequence[Table]], ax: Axes | None = None) -> Axes:
     """Acceleration density against frequency, a colour for each phase."""
-    ax = axes_or_new(ax)
+    chart = Chart.on(ax, FREQUENCY, Scale("one-sided density", DENSITY, log=True))
     for number, (name, tables) in enumerate(densities.items()):
         colour, style = OWNERS[number % len(OWNERS)], STYLES[number % len(STYLES)]
-        for first, table in enumerate(tables):
-            label = f"{name}, {_rms(table, '.3g')}" if first == 0 else None
-            ax.plot(table.frequency_hz, DENSITY(table.density), style, color=colour, label=label)
-    ax.set(xscale="log", yscale="log", xlabel="frequency (Hz)", ylabel=f"density ({DENSITY})")
-    plain_ticks(ax)
-    add_grid(ax)
-    ax.legend(frameon=False, fontsize="small")
-    return ax
+        for table in tables:
+            words = f"{name}, {_rms(tables[0], '.3g')}"
+            chart.curve(table.frequency_hz, table.density, words, colour, style)
+    return chart.finish()
 
 
 STYLES = ("-", "--", ":")

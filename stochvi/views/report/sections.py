@@ -31,7 +31,7 @@ from stochvi.views.schematic import (
     one_axis_in_rows,
     plot_box,
 )
-from stochvi.views.sizing import plot_input, plot_response
+from stochvi.views.sizing import plot_input
 from stochvi.views.tables import (
     UNKNOWN,
     equilibrium_in_words,
@@ -202,12 +202,8 @@ def environment_section(review: Review) -> Section:
         pictures = [
             shown(
                 lambda: plot_input(review),
-                "Input: one-sided density of the base acceleration, with its "
-                "breakpoints and a band of ±3 dB.",
-            ),
-            shown(
-                lambda: plot_response(review),
-                "Absolute acceleration of the mass without stops, over the input.",
+                "One-sided densities: the base acceleration with its breakpoints and a band of "
+                "±3 dB, and the absolute acceleration of the mass without stops.",
             ),
         ]
     return Section(title="Environment", lead=UNITS_IN_WORDS, facts=facts, pictures=pictures)

@@ -49,9 +49,7 @@ from stochvi.views.report.sections import (
 from stochvi.views.sizing import (
     draw_pairs_risk,
     draw_sizing,
-    plot_cumulative,
     plot_exceedances,
-    plot_exceedances_over_clearance,
     plot_histogram,
     plot_hit_rate,
     plot_impact_speeds,
@@ -256,12 +254,8 @@ def hard_hits_section(review: Review) -> Section:
         pictures=[
             shown(
                 lambda: plot_exceedances(review),
-                f"Probability that the largest {what} of the mission exceeds a limit, at three "
-                "clearances.",
-            ),
-            shown(
-                lambda: plot_exceedances_over_clearance(review),
-                f"The same against clearance, for {marked['limit'].nunique()} limits.",
+                f"Probability that the largest {what} of the mission exceeds a limit against "
+                f"clearance, for {marked['limit'].nunique()} limits.",
             ),
         ],
     )
@@ -504,14 +498,6 @@ def _screening(review: Review) -> Section:
             "impacts, and simulated with the stops.",
         ),
     ]
-    if review.environment.spectra is not None:
-        pictures = [
-            *pictures,
-            shown(
-                lambda: plot_cumulative(review),
-                "Share of the mean square of the response below each frequency, without stops.",
-            ),
-        ]
     sines = " A sine beside the noise counts by its rms alone."
     return replace(
         screened,
