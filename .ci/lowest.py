@@ -22,9 +22,8 @@ PART = (
 )  # fmt: skip
 """Rooms that meet all dependencies, and need few kernels."""
 
-LEFT_OUT = "not (HarmonicResponse or BumperMap or AbsorberReport or a_style_changes_nothing)"
-"""Answers whose kernels take a minute to compile; and a test whose control asks matplotlib where
-letters end, which its lowest version does not tell of a label that is cut."""
+LEFT_OUT = "not (HarmonicResponse or BumperMap or AbsorberReport)"
+"""Answers whose kernels take a minute to compile."""
 
 TOOLS = (
     "pytest", "pytest-random-order", "pytest-xdist", "hypothesis", "mpmath", "jsonschema", "xarray",
