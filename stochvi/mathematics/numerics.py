@@ -1,11 +1,12 @@
 """Basic numerics. Chapters: types of arrays; comparisons that rounding must not decide;
-Gauss-Legendre quadrature; roots by the method of Brent."""
+Gauss-Legendre quadrature; roots by the methods of Brent and of Newton."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -196,3 +197,79 @@ def root_between(
         here += last if abs(last) > least else math.copysign(least, half)
         f_here = function(here)
     raise RuntimeError(f"no root in [{low:g}, {high:g}] after {MOST_STEPS} steps")
+
+
+# ------------------------------------------------------------------------------
+# Newton's method for many problems at once, with slopes by differences.
+# ------------------------------------------------------------------------------
+
+
+STEPS, HALVINGS = 60, 12
+"""Largest numbers of Newton steps, and of halvings of one step."""
+
+POLISHED = 1e-12
+"""Imbalance at which Newton steps end: the last step usually reaches rounding."""
+
+DIFFERENCE = 1e-7
+"""Change of an unknown, of order 1, that gives the slope of the imbalances."""
+
+LARGEST_STEP = 2.0
+"""Largest Newton step of an unknown."""
+
+
+def newton(
+    problem: Callable[[Array, Any], Array], start: Array, enough: float = POLISHED
+) -> tuple[Array, Vector]:
+    """Roots of many problems (unknowns, problems), and the imbalances that are left, by Newton's
+    method with each step halved until the largest imbalance falls, until that is small `enough`.
+
+    `problem` gives the imbalances of some problems, whose places are its second argument. All
+    unknowns are of order 1.
+
+    >>> found, left = newton(lambda x, some: x**2 - np.array([2.0, 9.0])[some], np.ones((1, 2)))
+    >>> found.round(9).tolist(), bool(left.max() < 1e-12)
+    ([[1.414213562, 3.0]], True)
+    """
+    unknowns, every = start.copy(), np.arange(start.shape[1])
+    values = problem(unknowns, every)
+    moving = every[_size(values) > enough]
+    for _ in range(STEPS):
+        if not len(moving):
+            break
+        here, there = unknowns[:, moving], values[:, moving]
+        before = _size(there)
+        step = _step(problem, moving, here, there)
+        left, share = np.arange(len(moving)), 1.0
+        for _ in range(HALVINGS + 1):
+            tried = here[:, left] + share * step[:, left]
+            found = problem(tried, moving[left])
+            better = _size(found) < before[left]
+            places = moving[left[better]]
+            unknowns[:, places], values[:, places] = tried[:, better], found[:, better]
+            left, share = left[~better], share / 2.0
+            if not len(left):
+                break
+        going = _size(values[:, moving]) > enough
+        going[left] = False
+        moving = moving[going]
+    return unknowns, _size(values)
+
+
+def _step(
+    problem: Callable[[Vector, Any], Vector], some: Any, here: Vector, there: Vector
+) -> Vector:
+    """The Newton step of each problem, at most LARGEST_STEP; 0 where there is none."""
+    ahead = DIFFERENCE * np.eye(len(here))
+    slopes = [(problem(here + each[:, None], some) - there) / DIFFERENCE for each in ahead]
+    jacobian = np.transpose(np.array(slopes), (2, 1, 0))
+    with np.errstate(all="ignore"):
+        jacobian[~(np.abs(np.linalg.det(jacobian)) > 0.0)] = np.nan
+        step = -np.linalg.solve(jacobian, there.T[..., None])[..., 0].T
+        step = step * np.minimum(1.0, LARGEST_STEP / np.abs(step).max(axis=0))
+    return np.where(np.isfinite(step).all(axis=0), step, 0.0)
+
+
+def _size(imbalance: Vector) -> Vector:
+    """Largest imbalance of each problem; infinite where it is not a number."""
+    largest = np.abs(imbalance).max(axis=0)
+    return np.where(np.isnan(largest), np.inf, largest)

@@ -9,14 +9,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from stochvi.mathematics.impact_rates import CUT, NODES, WEIGHTS, ContactStatistics
-from stochvi.mathematics.numerics import Booleans, Vector
+from stochvi.mathematics.impact_rates import CUT, NODES, WEIGHTS, ContactStatistics, cut_laws
+from stochvi.mathematics.numerics import Booleans, Vector, newton
 from stochvi.mathematics.spectra import Filter, Table
 from stochvi.model.model import LOWER, UPPER, Model, Pair, Stop
 from stochvi.scenes.impact_laws import CompliantLaw
@@ -866,6 +866,45 @@ class OscillatorArrays(NamedTuple):
             slope = np.where(inside, 0.0, slope)
             distance = 2.0 * energy / (slope + np.sqrt(slope**2 + 2.0 * self.omega**2 * energy))
         return np.asarray(distance)
+
+    def speed_scale(self, enough: float = 1e-10) -> Vector:
+        """The speed s at which the law exp(-energy / s^2) takes up the power of the noise, m/s.
+
+        b s^2 + sum over stops of (1 - R^2) p s^3 / sqrt(2 pi) = S0 / 2, with p the density at the
+        stop: the balance of energy, with F2 of Rayleigh's distribution. Exact between elastic
+        stops. The logarithm of the power is balanced up to `enough`.
+        """
+
+        def surplus(log_speed: Vector, some: Any) -> Vector:
+            o, speed = self.take(some), np.exp(log_speed[0])
+            with np.errstate(all="ignore"):
+                law = cut_laws(o.load / speed**2, (o.omega / speed) ** 2, o.lower, o.upper)
+                density = np.sum((1.0 - o.restitutions**2) * [law.lower, law.upper], axis=0)
+                taken = (o.damping_rate + density * speed / math.sqrt(2.0 * math.pi)) * speed**2
+                return np.asarray(np.log(taken / (o.intensity / 2.0)))[None]
+
+        with np.errstate(all="ignore"):
+            rough = self._rough_log_speed()
+        return np.asarray(np.exp(newton(surplus, rough[None], enough)[0][0]))
+
+    def _rough_log_speed(self) -> Vector:
+        """Logarithm of a speed above that scale: what the damper alone leaves, or without one the
+        largest speed scale of springs, stops and noise."""
+        gap = self.upper - self.lower
+        rest = self.load / self.omega**2
+        away = np.fmin(np.abs(self.upper - rest), np.abs(rest - self.lower))
+        scales = np.array(
+            [
+                np.sqrt(self.intensity / (2.0 * self.omega)),
+                np.where(np.isfinite(away), self.omega * away, 0.0),
+                np.where(np.isfinite(gap), np.cbrt(gap * self.intensity), 0.0),
+            ]
+        )
+        undamped = np.where(np.isfinite(scales), scales, 0.0).max(axis=0)
+        # a load alone presses the mass on its stop, where it loses some load * s
+        undamped = np.where(undamped > 0.0, undamped, self.intensity / np.abs(self.load))
+        damped = np.sqrt(self.intensity / (2.0 * self.damping_rate))
+        return np.asarray(np.log(np.where(self.damping_rate > 0.0, damped, undamped)))
 
     def check(self) -> None:
         """Refuse numbers that are out of range.

@@ -139,82 +139,8 @@ class Boxes(LinearBox[Array]):
         return type(self)(**columns)
 
 
-LAW_REACH = 6.0
-"""The law exp(-energy / s^2) is cut at the energy LAW_REACH^2 / 2 in units of s^2, where it is
-2e-8 of its peak."""
-
 FARTHEST_STOP = 7.0
 """A stop at a higher energy than FARTHEST_STOP^2 / 2, in units of s^2, counts as out of reach."""
-
-LAW_NODES = 20
-"""Number of Gauss-Legendre nodes on either side of the peak of exp(-energy / s^2)."""
-
-BISECTIONS = 24
-"""Number of bisections of a factor of 2 in speed: they give seven digits, more than a scale
-needs."""
-
-DOUBLINGS = 400
-"""Largest number of doublings of a speed in the search for its scale: it covers the range of
-numbers that a scene may hold."""
-
-
-def speed_scale(scenes: OscillatorArrays) -> Array:
-    """The speed s at which the law exp(-energy / s^2) takes up the power of the noise, m/s.
-
-    b s^2 + sum over stops of (1 - R^2) p s^3 / sqrt(2 pi) = S0 / 2, with p the density at the
-    stop: the balance of energy, with F2 of Rayleigh's distribution. Exact between elastic stops.
-    """
-    power = scenes.intensity / 2.0
-    damped = scenes.damping_rate > 0.0
-    free = np.sqrt(power / np.where(damped, scenes.damping_rate, 1.0))
-    # without damping any speed will do that scales with the units
-    gap = np.minimum(scenes.upper - scenes.lower, 1e300)
-    undamped = np.minimum(np.cbrt(gap * power), _swing(scenes, power))
-    high = np.where(damped, free, undamped)
-    for _ in range(DOUBLINGS):
-        rising = ~damped & (_power_taken(scenes, high) < power)
-        if not rising.any():
-            break
-        high = np.where(rising, 2.0 * high, high)
-    for _ in range(DOUBLINGS):
-        falling = _power_taken(scenes, high / 2.0) > power
-        if not falling.any():
-            break
-        high = np.where(falling, high / 2.0, high)
-    low = high / 2.0
-    for _ in range(BISECTIONS):
-        middle = np.sqrt(low * high)
-        above = _power_taken(scenes, middle) > power
-        low, high = np.where(above, low, middle), np.where(above, middle, high)
-    return np.where(scenes.elastic & damped, free, np.sqrt(low * high))
-
-
-def _swing(scenes: OscillatorArrays, power: Array) -> Array:
-    with np.errstate(divide="ignore"):
-        return np.sqrt(power / scenes.omega)
-
-
-def _power_taken(scenes: OscillatorArrays, speed: Array) -> Array:
-    """Power that damping and stops take under the law exp(-energy / s^2)."""
-    lowest, energy = scenes.lowest(), speed**2 * LAW_REACH**2 / 2.0
-    climb = scenes.climb(energy)
-    left = np.minimum(lowest - scenes.lower, climb)
-    right = np.minimum(scenes.upper - lowest, climb)
-    y, weights = gauss_panels(np.stack([-left, np.zeros_like(left), right], axis=1), LAW_NODES)
-
-    def density(offset: Array) -> Array:
-        slope = scenes.force(lowest) / speed**2
-        fall = offset * (slope - (scenes.omega / speed) ** 2 * offset / 2.0)
-        return np.exp(np.minimum(fall, 0.0))
-
-    mass = np.sum(weights * density(y.T).T, axis=1)
-    taken = scenes.damping_rate * speed**2
-    for stop, restitution in zip(scenes.positions, scenes.restitutions, strict=True):
-        there = np.isfinite(stop)
-        at_stop = density(np.where(there, stop, lowest) - lowest) / mass
-        loss = (1.0 - restitution**2) * at_stop * speed**3 / math.sqrt(2.0 * math.pi)
-        taken = taken + np.where(there, loss, 0.0)
-    return taken
 
 
 def boxes_of(scenes: OscillatorArrays, speed: Array, reach: float) -> Boxes:

@@ -3,6 +3,7 @@ for users; its refinement until two answers agree."""
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Collection, Iterator, Mapping
@@ -650,6 +651,24 @@ def accurate(
     )
 
 
+def in_pairs(answers: Iterator[T], deadline: Deadline) -> Iterator[tuple[T, T]]:
+    """Answers on finer and finer meshes, each with the one before, from the second on.
+
+    From the third on, one is begun only if it can be expected to end before the deadline.
+    """
+    coarse, took = next(answers), 0.0
+    for number in itertools.count(2):
+        if number > 2 and deadline.left <= TIME_RATIO * took:
+            return
+        began = time.perf_counter()
+        fine = next(answers, None)
+        took = time.perf_counter() - began
+        if fine is None:
+            return
+        yield coarse, fine
+        coarse = fine
+
+
 class Refinement(NamedTuple):
     """The density and averages on the last mesh, bounds on their errors, and the density before."""
 
@@ -659,6 +678,23 @@ class Refinement(NamedTuple):
     coarser: StripDensity
 
 
+def _answers(motion: Motion, threshold: float) -> Iterator[tuple[StripDensity, Averages]]:
+    """Densities on finer and finer meshes, with their averages."""
+    scaled, patches, field = _first(motion, threshold)
+    makers = Strips()
+    for stage in range(1, MOST_MESHES + 1):
+        yield field, field.averages(threshold)
+        slowest = SLOWEST[min(stage, len(SLOWEST) - 1)]
+        patches = graded(scaled, refined(scaled, field.solved, patches), slowest)
+        strips = makers.make(patches, _degrees(stage))
+        if stage > 1 and sum(strip.unknowns for strip in strips) > MOST_UNKNOWNS:
+            return
+        try:
+            field = _field(scaled, strips, slowest)
+        except np.linalg.LinAlgError:
+            return
+
+
 def refine(
     motion: Motion, rtol: float, threshold: float, rates: Collection[str] = ("lower", "upper"),
     deadline: Deadline = NEVER,
@@ -666,42 +702,24 @@ def refine(
     """Refine until the relative errors that `rtol` governs are small enough, or until no finer mesh
     improves the answer.
 
-    `rates` are the sides whose rate of impacts faster than `threshold` is wanted, too. After the
-    first two meshes, a further one is begun only if it can be expected to end before the deadline.
+    `rates` are the sides whose rate of impacts faster than `threshold` is wanted, too.
     """
-    scaled, patches, field = _first(motion, threshold)
-    makers = Strips()
     refinement: Refinement | None = None
-    found = field.averages(threshold)
-    took = 0.0
-    for stage in range(1, MOST_MESHES):
-        if refinement is not None and deadline.left <= TIME_RATIO * took:
-            break
-        began = time.perf_counter()
-        before, coarser = found, field
-        slowest = SLOWEST[min(stage, len(SLOWEST) - 1)]
-        patches = graded(scaled, refined(scaled, coarser.solved, patches), slowest)
-        strips = makers.make(patches, _degrees(stage))
-        if stage > 1 and sum(strip.unknowns for strip in strips) > MOST_UNKNOWNS:
-            break
-        try:
-            field = _field(scaled, strips, slowest)
-        except np.linalg.LinAlgError:
-            break
-        found, took = field.averages(threshold), time.perf_counter() - began
+    for (coarser, before), (fine, found) in in_pairs(_answers(motion, threshold), deadline):
+        scaled = fine.scaled
         if min(found.variance, found.velocity_mean_square) <= 0.0:
             refinement = None  # this mesh is too coarse for a density; a finer one may give one
             continue
-        errors = _errors(field, before, found)
+        errors = _errors(fine, before, found)
         least = MIN_IMPACT_RATIO * found.upcrossing_rate
         if threshold > scaled.speed:
             # what rounding leaves of the digits of rare impacts
             names = [f"rate_{stop.name}" for stop in scaled.reached]
             rounded = {name: getattr(errors, name) + WORST_RATE * least for name in names}
             errors = errors._replace(**rounded)
-        lost = _fast_impacts(field, coarser, found, threshold)
-        refinement = _with_bounds(Refinement(field, found, errors, coarser), lost)
-        if _cut(field)["variance"] > 2.0 * rtol * found.variance:
+        lost = _fast_impacts(fine, coarser, found, threshold)
+        refinement = _with_bounds(Refinement(fine, found, errors, coarser), lost)
+        if _cut(fine)["variance"] > 2.0 * rtol * found.variance:
             break  # what lies beyond the ends of the box does not shrink with the mesh
         vague = rates_not_resolved(found, errors) | {s for s, most in lost.items() if most > least}
         if worst_relative_error(found, errors) <= rtol and vague.isdisjoint(rates):

@@ -934,6 +934,15 @@ def _end(model: Model, base: float, speed: float, side: float) -> float:
     return base + side * (2.0 * energy / pull if pull > 0.0 else math.inf)
 
 
+def meshes(layout: Layout) -> Iterator[Mesh]:
+    """The meshes of all levels that have not too many unknowns, two at least."""
+    for number, level in enumerate(LEVELS):
+        found = mesh(layout, level)
+        if number > 1 and found.unknowns > MOST_UNKNOWNS:
+            return
+        yield found
+
+
 def mesh(layout: Layout, level: Level) -> Mesh:
     """Mesh of a level, with narrow elements where slow paths meet an absorbing end."""
     size = level.size * layout.finest

@@ -23,7 +23,6 @@ from stochvi.methods.fokker_planck.basis import (
     VelocityBasis,
     boxes_of,
     legendre,
-    speed_scale,
 )
 from stochvi.methods.fokker_planck.density import (
     Averages,
@@ -97,31 +96,20 @@ def box_moments(boxes: Boxes, mesh: Mesh, threshold: Array) -> BoxMoments:
 def _density(boxes: Boxes, mesh: Mesh) -> list[Array]:
     """Coefficients of q, (box, Legendre, velocity) for each element, not yet normalised.
 
-    All that lies beyond one end of an element acts on it as a boundary condition: a matrix of the
-    returned flux. The stops are the first of them. Each element on the way to the middle one is
-    eliminated into the next.
+    All that lies to the left of an element acts on it as a boundary condition: a matrix of the
+    returned flux. The stop is the first of them. Each element is eliminated into the next.
     """
-    elements = mesh.displacement
-    last = len(elements) // 2
-    left = _stop(boxes, mesh, -1)
+    *before, last = mesh.displacement
+    left, passed = _stop(boxes, mesh, -1), []
+    for element in before:
+        left, response = _pass(boxes, element, mesh.velocity, left)
+        passed.append(response)
     right = _stop(boxes, mesh, 1)
-    passed: dict[int, Array] = {}
-    for e in range(last):
-        left, passed[e] = _pass(boxes, mesh, e, 1, left)
-    for e in range(len(elements) - 1, last, -1):
-        right, passed[e] = _pass(boxes, mesh, e, -1, right)
-    found = {
-        last: _pinned(
-            _with_walls(boxes, elements[last], mesh.velocity, left, right), elements[last]
-        )
-    }
-    for e in range(last + 1, len(elements)):
-        trace = np.einsum("bjk,j->bk", found[e - 1], elements[e - 1].at_right)
-        found[e] = np.einsum("bjkl,bl->bjk", passed[e], trace[:, mesh.velocity.plus])
-    for e in range(last - 1, -1, -1):
-        trace = np.einsum("bjk,j->bk", found[e + 1], elements[e + 1].at_left)
-        found[e] = np.einsum("bjkl,bl->bjk", passed[e], trace[:, mesh.velocity.minus])
-    return [found[e] for e in range(len(elements))]
+    found = [_pinned(_with_walls(boxes, last, mesh.velocity, left, right), last)]
+    for response in reversed(passed):
+        trace = np.einsum("bjk,j->bk", found[0], last.at_left)
+        found.insert(0, np.einsum("bjkl,bl->bjk", response, trace[:, mesh.velocity.minus]))
+    return found
 
 
 def _block(boxes: Boxes, element: DisplacementElement, velocity: VelocityBasis) -> Array:
@@ -180,31 +168,25 @@ def _with_walls(
     return block.reshape(len(block), size, size)
 
 
-def _pass(boxes: Boxes, mesh: Mesh, e: int, step: int, behind: Array) -> tuple[Array, Array]:
-    """Eliminate an element: the boundary condition of it and all behind it, and its response.
+def _pass(
+    boxes: Boxes, element: DisplacementElement, velocity: VelocityBasis, behind: Array
+) -> tuple[Array, Array]:
+    """Eliminate an element: the boundary condition of it and all to its left, and its response.
 
-    `step` is 1 if the elimination runs to the right. The response maps the trace of q that comes
-    in through the open end to the coefficients of q.
+    The response maps the trace of q that comes in through its right end to the coefficients of q.
     """
-    element, velocity = mesh.displacement[e], mesh.velocity
-    weight = _weight_at(boxes, element.right if step > 0 else element.left)
-    if step > 0:
-        out, into, incoming = velocity.flux_plus, velocity.flux_minus, velocity.minus
-        end = element.at_right
-        whole = _with_walls(boxes, element, velocity, behind, weight * out)
-    else:
-        out, into, incoming = -velocity.flux_minus, -velocity.flux_plus, velocity.plus
-        end = element.at_left
-        whole = _with_walls(boxes, element, velocity, weight * out, behind)
+    weight, incoming = _weight_at(boxes, element.right), velocity.minus
+    whole = _with_walls(boxes, element, velocity, behind, weight * velocity.flux_plus)
     # what comes in through the open end, in each of the functions that reach it
-    entrance = (end[:, None, None] * into[:, incoming]).reshape(-1, len(incoming))
+    entrance = element.at_right[:, None, None] * velocity.flux_minus[:, incoming]
+    entrance = entrance.reshape(-1, len(incoming))
     shape = (len(whole), element.size, velocity.size, len(incoming))
     solution = np.asarray(np.linalg.solve(whole, -weight * entrance), dtype=np.float64)
     response = solution.reshape(shape)
-    back = np.einsum("j,bjkl->bkl", end, response)
     wall = np.zeros_like(behind)
-    wall -= weight * into
-    wall[:, :, incoming] -= weight * (out @ back)
+    wall -= weight * velocity.flux_minus
+    back = np.einsum("j,bjkl->bkl", element.at_right, response)
+    wall[:, :, incoming] -= weight * (velocity.flux_plus @ back)
     return wall, response
 
 
@@ -702,7 +684,7 @@ def _on_fixed_meshes(
     """Averages and bounds on their errors by meshes of the whole range: the first that reach rtol,
     else the best ones; None where there are none."""
     scenes = OscillatorArrays.of(model)
-    speed, threshold = speed_scale(scenes), np.array([speed_threshold])
+    speed, threshold = scenes.speed_scale(), np.array([speed_threshold])
     if speed_threshold > FASTEST * speed[0]:
         return None
     before = _first_levels(scenes, speed, threshold)
@@ -869,7 +851,7 @@ def fokker_planck_many(
     conditions = scenes.unmet()
     if conditions:
         raise NotApplicable("fokker-planck", conditions)
-    speed = speed_scale(scenes)
+    speed = scenes.speed_scale()
     if speed_threshold is None:
         threshold = np.where(scenes.elastic, 0.0, SLOW_IMPACTS * speed)
     else:

@@ -16,22 +16,19 @@ from numpy.typing import ArrayLike, NDArray
 from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.mathematics.numerics import Array
 from stochvi.mathematics.spectra import step_covariance, transition
-from stochvi.methods.fokker_planck.basis import ErrorMargins, boxes_of, speed_scale
-from stochvi.methods.fokker_planck.density import TIME_RATIO, accurate
+from stochvi.methods.fokker_planck.basis import ErrorMargins, Mesh, boxes_of
+from stochvi.methods.fokker_planck.density import accurate, in_pairs
 from stochvi.methods.fokker_planck.in_time import (
-    LEVELS,
-    MOST_UNKNOWNS,
     Factors,
     Gaussian,
     InitialState,
     Layout,
-    Level,
     Operator,
     SlowestMode,
     Start,
     StartChoice,
     barrier_height,
-    mesh,
+    meshes,
     passage_layout,
     projections,
     restitutions,
@@ -438,26 +435,16 @@ def _refined(
     rtol: float, deadline: Deadline,
 ) -> tuple[_Values, _Values]:  # fmt: skip
     """Values and bounds on their errors, on the first level that reaches rtol or the last."""
-    coarse: tuple[_Values, Array] | None = None
-    values = bounds = None
-    took = 0.0
-    for level in LEVELS:
-        if values is not None and (
-            mesh(layout, level).unknowns > MOST_UNKNOWNS or deadline.left <= TIME_RATIO * took
-        ):
+    answers = (
+        _on_mesh(layout, mesh, start, lower, upper, times, most, rtol) for mesh in meshes(layout)
+    )
+    for (coarse, vague), (values, doubt) in in_pairs(answers, deadline):
+        allowed = rtol * values.scale
+        before, now = vague <= allowed, doubt <= allowed
+        bounds = _bounds(coarse, values, doubt, before & now)
+        # a finer mesh may have no modes that grow, but mends no other error of the projection
+        if _worst(values, bounds) <= rtol or not (before | now).all():
             break
-        began = time.perf_counter()
-        fine, doubt = _on_level(layout, level, start, lower, upper, times, most, rtol)
-        if coarse is not None:
-            allowed = rtol * fine.scale
-            before, now = coarse[1] <= allowed, doubt <= allowed
-            values, bounds = fine, _bounds(coarse[0], fine, doubt, before & now)
-            # a finer mesh may have no modes that grow, but mends no other error of the projection
-            if _worst(values, bounds) <= rtol or not (before | now).all():
-                break
-        coarse, took = (fine, doubt), time.perf_counter() - began
-    assert values is not None
-    assert bounds is not None
     return values, bounds
 
 
@@ -485,15 +472,15 @@ def _bounds(coarse: _Values, fine: _Values, doubt: Array, projected: NDArray[np.
     )
 
 
-def _on_level(
-    layout: Layout, level: Level, start: Start, lower: float, upper: float, times: Array,
+def _on_mesh(
+    layout: Layout, mesh: Mesh, start: Start, lower: float, upper: float, times: Array,
     most: Array, rtol: float,
 ) -> tuple[_Values, Array]:  # fmt: skip
     """The results on one mesh, and the error of the projection in time.
 
     `most` are probabilities that none can exceed.
     """
-    operator = Operator(layout.box, mesh(layout, level), layout.walls)
+    operator = Operator(layout.box, mesh, layout.walls)
     second = layout.box.time
     factors = operator.factorised(0.0)
     mode = slowest_mode(operator, factors)
@@ -802,7 +789,7 @@ def _problem(model: Model, times: Array, given: StartChoice, threshold: float | 
     oscillator = OscillatorArrays.of(model)
     lower, upper = oscillator.positions[:, 0].tolist()
     walls = restitutions(model.stops)
-    own = speed_scale(oscillator)
+    own = oscillator.speed_scale()
     if threshold is None:
         known = default_thresholds(model)
         threshold = (
@@ -910,12 +897,12 @@ def _with_early(values: Moments, problem: _Problem) -> Moments:
     return Moments(*columns)
 
 
-def _transient_on_level(
-    problem: _Problem, level: Level, rtol: float
+def _transient_on_mesh(
+    problem: _Problem, mesh: Mesh, rtol: float
 ) -> tuple[Moments, Moments, Operator, Array]:
     """Averages, the error of the projection in time, and the coefficients, (times, n)."""
     layout, second = problem.layout, problem.layout.box.time
-    operator = Operator(layout.box, mesh(layout, level), layout.walls)
+    operator = Operator(layout.box, mesh, layout.walls)
     weights = operator.integrals(problem.law.density, *problem.law.grids())
     initial = Factors(operator.mass).solve(weights)
     rows = _functionals(operator, problem)
@@ -939,34 +926,21 @@ def _transient_on_level(
             before = values
         states[places] = initial - passed @ projection.basis.T
     found = states @ rows.T
-    return _averages(found, problem), Moments(*gaps), operator, states / found[:, :1]
+    values = _with_early(_averages(found, problem), problem)
+    return values, Moments(*gaps), operator, states / found[:, :1]
 
 
 def _refined_transient(
     problem: _Problem, rtol: float, deadline: Deadline
 ) -> tuple[Moments, Moments, tuple[_State, ...]]:
     """Averages, bounds on their errors and densities, on the first level that reaches rtol."""
-    coarse: Moments | None = None
-    values = errors = operator = states = None
-    took = 0.0
-    for level in LEVELS:
-        if values is not None and (
-            mesh(problem.layout, level).unknowns > MOST_UNKNOWNS
-            or deadline.left <= TIME_RATIO * took
-        ):
+    answers = (_transient_on_mesh(problem, mesh, rtol) for mesh in meshes(problem.layout))
+    for (coarse, *_), fine in in_pairs(answers, deadline):
+        values, projected, operator, states = fine
+        errors = _transient_bounds(coarse, values, projected)
+        errors = _with_lost_rates(values, errors, problem)
+        if _worst_transient(values, errors) <= rtol:
             break
-        began = time.perf_counter()
-        fine, projected, operator, states = _transient_on_level(problem, level, rtol)
-        fine = _with_early(fine, problem)
-        if coarse is not None:
-            values, errors = fine, _transient_bounds(coarse, fine, projected)
-            errors = _with_lost_rates(values, errors, problem)
-            if _worst_transient(values, errors) <= rtol:
-                break
-        coarse, took = fine, time.perf_counter() - began
-    assert values is not None
-    assert errors is not None
-    assert states is not None
     found = tuple(
         _State(operator, state, None) if law is None else _State(None, None, law)
         for state, law in zip(states, problem.early, strict=True)

@@ -1,10 +1,9 @@
-"""The moment closure between rigid stops, for arrays. Chapters: many densities C exp(slope x -
-curvature x^2 / 2) at once; the closure of many gaps; arrays of oscillators under white noise."""
+"""The moment closure between rigid stops, for arrays. Chapters: the closure of many gaps; arrays of
+oscillators under white noise."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -12,8 +11,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from stochvi.mathematics.impact_rates import CUT, StopStatistics
-from stochvi.mathematics.numerics import Booleans, Vector, gauss_legendre
+from stochvi.mathematics.impact_rates import StopStatistics, cut_laws
+from stochvi.mathematics.numerics import Booleans, Vector, newton
 from stochvi.methods.linearisation.linear_system import (
     ACCEPTED,
     ROOT_TWO_PI,
@@ -27,157 +26,6 @@ from stochvi.model.gap import Gap, OscillatorArrays
 from stochvi.model.model import LOWER, UPPER
 from stochvi.results.errors import NotApplicable
 from stochvi.sampling.calculations import calculation
-
-# ------------------------------------------------------------------------------
-# Many laws C exp(slope x - curvature x^2 / 2) between stops at once: masses, moments, ends.
-#
-# They do for arrays what `TruncatedNormal` does for one law. All numbers are relative to the
-# largest value of each density; panels end where it has fallen by e^-CUT. So tails and narrow gaps
-# keep their digits.
-# ------------------------------------------------------------------------------
-
-
-class Rule(NamedTuple):
-    """Gauss' rule of a panel: its nodes, and the matrix that turns densities there into moments 0
-    to 2."""
-
-    nodes: Vector
-    powers: Vector
-
-    @classmethod
-    def of(cls, count: int) -> Rule:
-        """The rule with this many nodes."""
-        nodes, weights = gauss_legendre(count)
-        return cls(nodes, weights[:, None] * nodes[:, None] ** np.arange(3))
-
-
-FINE, ROUGH = Rule.of(32), Rule.of(16)
-"""Rules of the two panels of each law. A normal distribution out to ten deviations keeps 1e-12 by
-the fine rule, and 1e-4 by the rough one, which is enough for a scale."""
-
-
-class TruncatedNormals(NamedTuple):
-    """Moments of many laws, in the units of x.
-
-    `lower` and `upper` are the densities at the stops (0 where there is none), `at_mean` that at
-    the mean.
-    """
-
-    mean: Vector
-    variance: Vector
-    lower: Vector
-    upper: Vector
-    at_mean: Vector
-
-
-def cut_laws(
-    slope: Vector, curvature: Vector, lower: Vector, upper: Vector, rule: Rule = FINE
-) -> TruncatedNormals:
-    """The laws of these slopes (1/m) and curvatures (1/m^2); stops in m, infinite for none.
-
-    A law that cannot be normalised, or whose digits do not suffice, is not a number.
-
-    Examples
-    --------
-    >>> one = np.ones(1)
-    >>> print(f"{cut_laws(0.0 * one, one, -one, one).variance[0]:.12f}")
-    0.291125094773
-    """
-    with np.errstate(all="ignore"):
-        peak = _peak(slope, curvature, lower, upper)
-        inside = (curvature > 0.0) & (peak == slope / curvature)
-        tilt = np.where(inside, 0.0, slope - curvature * peak)
-        raw = np.zeros((3, len(slope)))
-        for start, end in _panels(peak, slope, curvature, lower, upper):
-            raw += _panel_moments(start, np.maximum(end, start), tilt, curvature, rule)
-        mass = raw[0]
-        first, second = raw[1:] / mass
-        held = np.isfinite(mass) & (mass > 0.0) & _integrable(slope, curvature, lower, upper)
-        mass = np.where(held, mass, np.nan)
-        variance = second - first**2
-
-        def density(offset: Vector) -> Vector:
-            return np.asarray(np.exp(offset * (tilt - curvature * offset / 2.0)) / mass)
-
-        return TruncatedNormals(
-            mean=peak + first,
-            variance=np.where(variance > 0.0, variance, np.nan),
-            lower=np.where(np.isfinite(lower), density(lower - peak), 0.0),
-            upper=np.where(np.isfinite(upper), density(upper - peak), 0.0),
-            at_mean=density(first),
-        )
-
-
-def _integrable(slope: Vector, curvature: Vector, lower: Vector, upper: Vector) -> Booleans:
-    falls_left = np.isfinite(lower) | (slope > 0.0)
-    falls_right = np.isfinite(upper) | (slope < 0.0)
-    both = np.isfinite(lower) & np.isfinite(upper)
-    held: Booleans = (curvature > 0.0) | both | ((curvature == 0.0) & falls_left & falls_right)
-    return held
-
-
-def _peak(slope: Vector, curvature: Vector, lower: Vector, upper: Vector) -> Vector:
-    """Place of the largest value of each density, m."""
-    rise = (upper - lower) * (slope - curvature * (lower + upper) / 2.0)
-    higher = np.where(rise > 0.0, upper, lower)
-    only = np.where(np.isfinite(lower), lower, upper)
-    end = np.where(np.isfinite(upper - lower), higher, only)
-    return np.where(curvature > 0.0, np.clip(slope / curvature, lower, upper), end)
-
-
-def _panels(
-    peak: Vector, slope: Vector, curvature: Vector, lower: Vector, upper: Vector
-) -> tuple[tuple[Vector, Vector], tuple[Vector, Vector]]:
-    """Two intervals outside which each density is negligible, as offsets from its peak.
-
-    On either side of an inner peak; or at either stop, where a density leans on both.
-    """
-    low, high = lower - peak, upper - peak
-    left = np.maximum(-_reach(peak, -1.0, slope, curvature), low)
-    right = np.minimum(_reach(peak, 1.0, slope, curvature), high)
-    leaning = (curvature <= 0.0) & np.isfinite(high - low)
-    flat = np.where(slope <= 0.0, high, low)
-    valley = np.clip(slope / curvature - peak, low, high)
-    turn = np.where(curvature == 0.0, flat, valley)
-    from_lower = np.minimum(low + _reach(lower, 1.0, slope, curvature), turn)
-    from_upper = np.maximum(high - _reach(upper, -1.0, slope, curvature), turn)
-    none = np.zeros_like(peak)
-    first = (np.where(low == 0.0, 0.0, left), none)
-    second = (none, np.where(high == 0.0, 0.0, right))
-    return (
-        (np.where(leaning, low, first[0]), np.where(leaning, from_lower, first[1])),
-        (np.where(leaning, from_upper, second[0]), np.where(leaning, high, second[1])),
-    )
-
-
-def _reach(start: Vector, direction: float, slope: Vector, curvature: Vector) -> Vector:
-    """How far from `start` each density has fallen by e^-CUT; infinite if it never does."""
-    fall = np.maximum(-direction * (slope - curvature * start), 0.0)
-    bend = 2.0 * curvature * CUT
-    concave = fall + np.hypot(fall, np.sqrt(np.maximum(bend, 0.0)))
-    hollow = fall * (1.0 + np.sqrt(1.0 + bend / fall / fall))
-    total = np.where(bend >= 0.0, concave, hollow)
-    return np.where(total > 0.0, 2.0 * CUT / total, np.inf)
-
-
-def _panel_moments(
-    start: Vector, end: Vector, tilt: Vector, curvature: Vector, rule: Rule
-) -> Vector:
-    """Integrals of offset^k times the density relative to its peak, k = 0 to 2, as rows."""
-    half, centre = (end - start) / 2.0, (end + start) / 2.0
-    # log density at centre + half t: a quadratic in t
-    constant = centre * (tilt - curvature * centre / 2.0)
-    linear = half * (tilt - curvature * centre)
-    square = -curvature * half**2 / 2.0
-    log = square[:, None] * rule.nodes
-    log += linear[:, None]
-    log *= rule.nodes
-    log += constant[:, None]
-    local = half[:, None] * (np.exp(log, out=log) @ rule.powers)
-    # t^k about the centre -> offset^k, by the binomial theorem
-    t0, t1, t2 = (local[:, k] * half**k for k in range(3))
-    return np.array([t0, t1 + centre * t0, t2 + centre * (2.0 * t1 + centre * t0)])
-
 
 # ------------------------------------------------------------------------------
 # The moment closure between rigid stops, for many gaps at once; one gap is an array of one.
@@ -347,22 +195,9 @@ CHUNK = 8192
 """Number of oscillators that are solved together: so many that the cost of a call does not
 matter."""
 
-STEPS, HALVINGS = 60, 12
-"""Largest numbers of Newton steps, and of halvings of one step."""
-
 SPEED_ACCEPTED = 0.1
 """Imbalance of the power of the elastic law that is accepted: its speed only sets units and a
 start."""
-
-POLISHED = 1e-12
-"""Imbalance at which Newton steps end: the last step usually reaches rounding."""
-
-DIFFERENCE = 1e-7
-"""Change of an unknown, of order 1, that gives the slope of the imbalances."""
-
-LARGEST_STEP = 2.0
-"""Largest Newton step of lambda, kappa and log s_v, which are of order 1 in the units of the
-frame."""
 
 START_SPEEDS = (1.0, 2.0, 0.5, 1.4, 0.7, 4.0, 0.25, 3.0, 8.0)
 """Speeds of the elastic law to start from, relative to the one that balances its power. Each is
@@ -473,7 +308,7 @@ def linearise_many(
 
 
 def _chunk(oscillators: OscillatorArrays) -> Linearised:
-    speed = _elastic_speed(oscillators)
+    speed = oscillators.speed_scale(enough=SPEED_ACCEPTED)
     found = _solved_from(oscillators, speed)
     for factor in START_SPEEDS[1:]:
         failed = ~found.converged
@@ -505,7 +340,8 @@ def _solved_from(oscillators: OscillatorArrays, speed: Vector) -> Linearised:
             return imbalances(o, candidate, moments)
 
     start = np.array([scaled.load, scaled.omega**2, np.zeros_like(speed)])
-    unknowns, good = newton(imbalance, start)
+    unknowns, left = newton(imbalance, start)
+    good = left < ACCEPTED
     with np.errstate(all="ignore"):
         found: Any = frame.grow(closed(gaps, unknowns))
         speed = np.sqrt(found.velocity_mean_square)
@@ -517,96 +353,3 @@ def _solved_from(oscillators: OscillatorArrays, speed: Vector) -> Linearised:
             found.damping, found.rise,
         )  # fmt: skip
     return Linearised._make([*(np.where(good, column, np.nan) for column in columns), good])
-
-
-def newton(
-    problem: Callable[[Vector, Any], Vector], start: Vector, enough: float = POLISHED
-) -> tuple[Vector, Booleans]:
-    """Roots of many problems (unknowns, problems), and which were found, by Newton's method with
-    each step halved until the largest imbalance falls, until that is small `enough`.
-
-    `problem` gives the imbalances of some problems, whose places are its second argument.
-    """
-    unknowns, every = start.copy(), np.arange(start.shape[1])
-    values = problem(unknowns, every)
-    moving = every[_size(values) > enough]
-    for _ in range(STEPS):
-        if not len(moving):
-            break
-        here, there = unknowns[:, moving], values[:, moving]
-        before = _size(there)
-        step = _step(problem, moving, here, there)
-        left, share = np.arange(len(moving)), 1.0
-        for _ in range(HALVINGS + 1):
-            tried = here[:, left] + share * step[:, left]
-            found = problem(tried, moving[left])
-            better = _size(found) < before[left]
-            places = moving[left[better]]
-            unknowns[:, places], values[:, places] = tried[:, better], found[:, better]
-            left, share = left[~better], share / 2.0
-            if not len(left):
-                break
-        going = _size(values[:, moving]) > enough
-        going[left] = False
-        moving = moving[going]
-    return unknowns, _size(values) < ACCEPTED
-
-
-def _step(
-    problem: Callable[[Vector, Any], Vector], some: Any, here: Vector, there: Vector
-) -> Vector:
-    """The Newton step of each problem, at most LARGEST_STEP; 0 where there is none."""
-    ahead = DIFFERENCE * np.eye(len(here))
-    slopes = [(problem(here + each[:, None], some) - there) / DIFFERENCE for each in ahead]
-    jacobian = np.transpose(np.array(slopes), (2, 1, 0))
-    with np.errstate(all="ignore"):
-        jacobian[~(np.abs(np.linalg.det(jacobian)) > 0.0)] = np.nan
-        step = -np.linalg.solve(jacobian, there.T[..., None])[..., 0].T
-        step = step * np.minimum(1.0, LARGEST_STEP / np.abs(step).max(axis=0))
-    return np.where(np.isfinite(step).all(axis=0), step, 0.0)
-
-
-def _size(imbalance: Vector) -> Vector:
-    """Largest imbalance of each oscillator; infinite where it is not a number."""
-    largest = np.abs(imbalance).max(axis=0)
-    return np.where(np.isnan(largest), np.inf, largest)
-
-
-def _elastic_speed(oscillators: OscillatorArrays) -> Vector:
-    """The speed at which the elastic law takes up the power that the noise supplies, m/s.
-
-    b s^2 + sum 2 (1 - R_i) p_i s^3 / sqrt(2 pi) = S0 / 2, where 2 p / (1 + R) is the density at a
-    stop that the balance of forces calls for; by the logarithms of both sides.
-    """
-
-    def surplus(log_speed: Unknowns, some: Any) -> Vector:
-        o, speed = oscillators.take(some), np.exp(log_speed[0])
-        with np.errstate(all="ignore"):
-            law = cut_laws(o.load / speed**2, (o.omega / speed) ** 2, o.lower, o.upper, ROUGH)
-            density = np.sum(2.0 * (1.0 - o.restitutions) * [law.lower, law.upper], axis=0)
-            taken = (o.damping_rate + density * speed / ROOT_TWO_PI) * speed**2
-            return np.asarray(np.log(taken / (o.intensity / 2.0)))[None]
-
-    with np.errstate(all="ignore"):
-        rough = _rough_log_speed(oscillators)
-    return np.asarray(np.exp(newton(surplus, rough[None], SPEED_ACCEPTED)[0][0]))
-
-
-def _rough_log_speed(o: OscillatorArrays) -> Vector:
-    """Logarithm of a speed above the answer. With a damper it is the speed that the damper alone
-    leaves. Without one it is the largest speed scale of springs, stops and noise."""
-    gap = o.upper - o.lower
-    rest = o.load / o.omega**2
-    away = np.fmin(np.abs(o.upper - rest), np.abs(rest - o.lower))
-    scales = np.array(
-        [
-            np.sqrt(o.intensity / (2.0 * o.omega)),
-            np.where(np.isfinite(away), o.omega * away, 0.0),
-            np.where(np.isfinite(gap), np.cbrt(gap * o.intensity), 0.0),
-        ]
-    )
-    undamped = np.where(np.isfinite(scales), scales, 0.0).max(axis=0)
-    # a load alone presses the mass on its stop, where it loses some load * s
-    undamped = np.where(undamped > 0.0, undamped, o.intensity / np.abs(o.load))
-    damped = np.sqrt(o.intensity / (2.0 * o.damping_rate))
-    return np.asarray(np.log(np.where(o.damping_rate > 0.0, damped, undamped)))

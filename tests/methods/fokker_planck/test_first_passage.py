@@ -197,7 +197,7 @@ def test_a_time_that_the_projection_fails_at_is_alone_in_its_doubt(monkeypatch, 
     """Without the bound and with few sizes of the space, the early times are lost: they alone."""
     scene, barrier, start = RARE
     monkeypatch.setattr(transients, "passages_at_most", lambda *problem: np.ones(len(problem[-1])))
-    monkeypatch.setattr(transients, "LEVELS", in_time.LEVELS[:2])
+    monkeypatch.setattr(in_time, "LEVELS", in_time.LEVELS[:2])
     monkeypatch.setattr(in_time, "SIZES", (16, 24, 34, 46))
     with pytest.raises(NotConverged, match="relative error") as reason:
         first_passage(scene, None, barrier, times=[6.28, 20.0, 1e5], start=start, rtol=2e-3)
@@ -594,7 +594,7 @@ def test_a_covariance_that_is_none_is_refused(covariance) -> None:
 
 
 def test_an_accuracy_out_of_reach_is_not_claimed(monkeypatch) -> None:
-    monkeypatch.setattr(transients, "LEVELS", in_time.LEVELS[:2])
+    monkeypatch.setattr(in_time, "LEVELS", in_time.LEVELS[:2])
     with pytest.raises(NotConverged, match="reached a relative error of") as reason:
         first_passage(lightly_damped(0.002), -2.0, 2.0, rtol=1e-7)
     reached = reason.value.partial
@@ -679,7 +679,7 @@ def test_an_option_out_of_range_is_one_sentence(stochvi, options, sentence) -> N
 def test_an_accuracy_that_was_not_reached_exits_with_1_and_tells_what_was(
     stochvi, monkeypatch
 ) -> None:
-    monkeypatch.setattr(transients, "LEVELS", in_time.LEVELS[:2])
+    monkeypatch.setattr(in_time, "LEVELS", in_time.LEVELS[:2])
     code, out, err = stochvi("--times", "20", "--rtol", "1e-9", "--json", "-", "--quiet")
     assert code == 1
     assert err.startswith("stochvi: first-passage reached a relative error of")
@@ -1027,7 +1027,7 @@ def test_a_scene_without_a_stationary_state_is_refused() -> None:
 def test_an_accuracy_out_of_reach_is_not_claimed_transients(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(transients, "LEVELS", in_time.LEVELS[:2])
+    monkeypatch.setattr(in_time, "LEVELS", in_time.LEVELS[:2])
     with pytest.raises(NotConverged, match="reached a relative error of") as reason:
         transient(oscillator(-1.0, 1.0, 0.8), [2.0], rtol=1e-9)
     assert isinstance(reason.value.partial, Transient)

@@ -35,7 +35,7 @@ from stochvi.methods.fokker_planck import (
     fokker_planck_many,
     stationary,
 )
-from stochvi.methods.fokker_planck.basis import Mesh, VelocityBasis, boxes_of, speed_scale
+from stochvi.methods.fokker_planck.basis import Mesh, VelocityBasis, boxes_of
 from stochvi.methods.fokker_planck.density import Averages, StripDensity
 from stochvi.methods.fokker_planck.motion import Motion, scaled_motion
 from stochvi.methods.fokker_planck.stationary import (
@@ -234,7 +234,7 @@ def test_probability_is_conserved_by_the_discrete_equations() -> None:
     """phi = 1 makes every equation's sum vanish, whatever the density: stops only give back."""
     mesh = Mesh(x_breaks=(-1.0, 1.0), x_degree=4, u_breaks=(0.0, 1.0, 5.0), u_degree=4)
     scenes = one_scene(lower=-1.0, upper=0.5, restitution_lower=0.3, restitution_upper=0.8)
-    scaled = boxes_of(scenes, speed_scale(scenes), mesh.reach)
+    scaled = boxes_of(scenes, scenes.speed_scale(), mesh.reach)
     element = mesh.displacement[0]
     whole = stationary._with_walls(
         scaled,
@@ -258,7 +258,7 @@ def test_impacts_that_noise_turns_within_the_last_element_are_unresolved() -> No
         x_breaks=(-1.0, 0.2, 0.9, 1.0), x_degree=4, u_breaks=(0.0, 0.4, 1.0, 5.0), u_degree=4
     )
     scenes = one_scene(lower=-1.0, upper=0.5, restitution_lower=0.3, restitution_upper=0.8)
-    scaled = boxes_of(scenes, speed_scale(scenes), mesh.reach)
+    scaled = boxes_of(scenes, scenes.speed_scale(), mesh.reach)
     threshold = np.array([0.02])
     found = stationary.box_moments(scaled, mesh, threshold)
     for side, length in (("left", 1.2), ("right", 0.1)):
@@ -317,14 +317,14 @@ FINE = make_level(
 @pytest.fixture(scope="module")
 def levels_and_fine() -> list[Solution]:
     """The three coarsest levels, and one that is some fifty times finer in cost."""
-    speed = speed_scale(RANDOM)
+    speed = RANDOM.speed_scale()
     return [solve(RANDOM, speed, level, 0.05 * speed) for level in (*LEVELS[:3], FINE)]
 
 
 def bounds_and_errors(solutions: list[Solution]) -> tuple[MeshMoments, MeshMoments]:
     """Bounds on the errors of the third level, and these errors."""
     coarser, coarse, fine, truth = solutions
-    speed = speed_scale(RANDOM)
+    speed = RANDOM.speed_scale()
     far = unreached(RANDOM, speed, fine.moments.upcrossing_rate)
     bounds = errors(RANDOM, [coarser.moments, coarse.moments], fine, far)
     pairs = zip(fine.moments, truth.moments, strict=True)

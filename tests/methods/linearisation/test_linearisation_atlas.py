@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stochvi.mathematics.impact_rates import TruncatedNormal
+from stochvi.mathematics.impact_rates import TruncatedNormal, cut_laws
 from stochvi.methods.averaging import average
 from stochvi.methods.closed_form import exact
 from stochvi.methods.linearisation import linearise, linearise_many
-from stochvi.methods.linearisation.array_closure import Linearised, cut_laws
+from stochvi.methods.linearisation.array_closure import Linearised
 from stochvi.methods.linearisation.one_form import energy_weight, method_name
 from stochvi.model.build_response import ONE, QUANTITIES, TWO, LogErrorInterval, atlas, spans
 from stochvi.model.model import model_of
