@@ -48,7 +48,14 @@ from stochvi.model.model import model_of
 from stochvi.results.base import DataFrame, Result, frame_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Estimate, provenance, spoken_percent
+from stochvi.results.estimates import (
+    GAUSSIAN_95,
+    Estimate,
+    mean_and_error,
+    provenance,
+    spoken_percent,
+    student_factor,
+)
 from stochvi.sampling.calculations import AccuracyOptions, calculation
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
@@ -1107,7 +1114,7 @@ class _Job:
         quadrature = self._relative(shift)
         relative = math.hypot(quadrature, self.correction.standard_error / factor)
         bias = (self.correction.bias or 0.0) / factor
-        half = float(scipy.stats.t.ppf(0.975, len(self.rows) - 1)) * relative + bias
+        half = GAUSSIAN_95 * relative + bias
         slope = (
             -math.log(
                 float(np.mean(self._means(shift + 0.05)))
@@ -1251,8 +1258,8 @@ def _quantiles(values: Vector, weight: Vector) -> Vector:
 
 
 def _deviation(values: Sequence[float]) -> float:
-    """Standard error of the mean of independent values."""
-    return float(np.std(values, ddof=1) / math.sqrt(len(values)))
+    """Standard error of the mean of independent values, which is Student's where they are few."""
+    return student_factor(len(values)) * mean_and_error(np.asarray(values))[1]
 
 
 def _relative(values: Sequence[float]) -> float:

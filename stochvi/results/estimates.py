@@ -290,11 +290,12 @@ def jackknife_ratio(
 
 
 def ratio_and_error(above: Array, below: Array) -> tuple[float, float]:
-    """The ratio of two sums over independent samples, and its standard error to first order."""
+    """The ratio of two sums over independent samples, and its standard error to first order, which
+    is Student's where samples are few."""
     count, total = len(above), float(below.sum())
     value = float(above.sum()) / total
     scatter = float(np.sum((above - value * below) ** 2)) * count / (count - 1)
-    return value, math.sqrt(scatter) / total
+    return value, student_factor(count) * math.sqrt(scatter) / total
 
 
 def neighbours(mean: Array, covariance: Array) -> Iterator[tuple[int, Any, Array, Array]]:

@@ -58,6 +58,7 @@ from stochvi.results.estimates import (
     provenance,
     ratio_and_error,
     reach,
+    student_factor,
     upper_limit_unseen,
 )
 from stochvi.sampling.calculations import ListSampler, SamplingOptions, calculation
@@ -195,7 +196,7 @@ def rate(
     """The rate from counts of impacts in independent paths of `duration` seconds; where none was
     seen, with as many impacts in a `cluster` as there may be. A bias that is known widens the
     interval."""
-    value, error = ratio_and_error(counts, np.full(len(counts), duration))
+    value, error = mean_and_error(counts / duration)
     seen = Estimate(value=value, standard_error=error, bias=bias, bias_error=bias_error, how=how)
     if value == 0.0:
         most = cluster * upper_limit_unseen(duration * len(counts))
@@ -228,7 +229,7 @@ def dispersion(windows: Matrix, window: float) -> Estimate:
     sums, squares = windows.sum(axis=1), (windows**2).sum(axis=1)
     value = float(index(sums.sum(), squares.sum(), paths * count))
     others = index(sums.sum() - sums, squares.sum() - squares, (paths - 1) * count)
-    error = jackknife_error(others)
+    error = student_factor(paths) * jackknife_error(others)
     return Estimate(
         value=value, standard_error=error, how=f"{paths * count} windows of {window:.4g} s"
     )
@@ -1007,7 +1008,7 @@ def _largest_error(tallies: list[Tally], plan: ImpactPlan) -> float:
     for tally in tallies:
         numbers = tally.numbers.sum(axis=1)
         if numbers.any():
-            value, error = ratio_and_error(numbers, np.full(len(numbers), plan.duration))
+            value, error = mean_and_error(numbers)
             errors.append(error / value)
     return max(errors, default=math.inf)
 

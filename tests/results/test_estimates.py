@@ -432,6 +432,18 @@ def test_errors_of_a_ratio_cover_what_it_scatters_by() -> None:
         assert covers_95(np.abs(found[:, 0] - 2.0) < quantile * found[:, 1])
 
 
+@pytest.mark.parametrize("samples", [3, 4, 8])
+def test_errors_of_a_ratio_of_few_samples_are_those_of_student(samples: int) -> None:
+    """Energies over numbers of impacts of a few paths."""
+    random = np.random.default_rng(samples)
+    below = 1.0 + 0.1 * random.standard_normal((REPEATS, samples))
+    above = 2.0 * below + 0.2 * random.standard_normal(below.shape)
+    found = np.array([ratio_and_error(*pair) for pair in zip(above, below, strict=True)])
+    away = np.abs(found[:, 0] - 2.0)
+    assert covers_95(away < GAUSSIAN_95 * found[:, 1])
+    assert not covers_95(away < GAUSSIAN_95 / student_factor(samples) * found[:, 1])
+
+
 def test_the_delta_method_and_the_jackknife_agree_to_first_order() -> None:
     samples = 1.0 + 0.01 * np.random.default_rng(4).standard_normal((2, 100))
     covariance = np.cov(samples) / samples.shape[1]
