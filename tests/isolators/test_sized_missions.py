@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +17,7 @@ from stochvi import (
     ImpactPair,
     Isolator,
     NotApplicable,
+    NotConverged,
     Restitution,
     Scene,
     TabulatedNoise,
@@ -26,10 +30,13 @@ from stochvi import (
 )
 from stochvi.isolators import MissionSizing, size_by_damage
 from stochvi.isolators.sizing.answer import Sizing
+from stochvi.isolators.sizing.size import FIRST_SIGMA
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.excitations.drawn import Pulses
 from stochvi.scenes.phases import Phase
+from stochvi.statistics.damage import Damage
+from stochvi.statistics.damage.equipment import SpectrumValues
 from stochvi.views.report import write_clearance_report
 from support import judges
 from support.mounts import two_stages
@@ -446,6 +453,60 @@ def test_several_pairs_are_sized_for_a_damage(tmp_path: Path) -> None:
     assert set(document["clearances"]) == set(document["made"]) and "clearance" not in document
     page = write_clearance_report(found, tmp_path).read_text("utf-8")
     assert "Where the stops go" in page and "box stops: lower = " in page
+
+
+def damaging(ratio: float, error: float, *, reached: bool, seen: bool) -> Callable[..., Damage]:
+    """`damage` as it is where a budget ends, or not, with or without enough impacts."""
+
+    def found(*_: object, **__: object) -> Damage:
+        values = SpectrumValues(
+            value=np.array([ratio]), standard_error=np.array([error]), bias=np.zeros(1)
+        )
+        hits = Estimate(value=100.0, standard_error=9.0) if seen else Estimate(
+            value=0.0, bias=None, upper_95=500.0
+        )  # fmt: skip
+        answer = SimpleNamespace(
+            damage_ratio=values, impacts_per_hour=hits, way="simulation",
+            equipment_frequency_hz=np.array([60.0]), warnings=[],
+        )  # fmt: skip
+        if reached:
+            return answer  # type: ignore[return-value]
+        raise NotConverged("the budget ended", answer)
+
+    return found
+
+
+@pytest.mark.parametrize(
+    ("ratio", "error", "reached", "seen", "told"),
+    [
+        (2.0, 0.1, True, True, True),
+        (2.0, 0.1, False, True, True),
+        (2.0, 1.6, False, True, False),  # of one record in a few
+        (1.0, 0.05, False, False, False),  # no impact was seen
+        (1.0, 0.05, True, True, True),  # a clearance that keeps it, far from the smallest one
+    ],
+)
+def test_a_clearance_is_told_where_its_damage_is_known(
+    ratio: float, error: float, reached: bool, seen: bool, told: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """Fast impacts bring nearly all of the damage: a few records in which they are rare know
+    nothing of it, however little they scatter."""
+    made = damaging(ratio, error, reached=reached, seen=seen)
+    module = importlib.import_module("stochvi.isolators.sizing.size")
+    monkeypatch.setattr(module, "damage", made)
+    monkeypatch.setattr(module, "MOST_TRIALS", 1)
+    first = FIRST_SIGMA * screen(bumpers()).impact_pairs["stops"].displacement_std
+    if reached and ratio == 2.0:
+        assert size_by_damage(bumpers(), ratio=2.0).clearance.value == pytest.approx(first)
+        return
+    with pytest.raises(NotConverged, match="before a ratio near 2 was known") as short:
+        size_by_damage(bumpers(), ratio=2.0)
+    assert (short.value.partial is not None) == told
+    if told:
+        clearance = short.value.partial.clearance
+        assert 0.0 < clearance.value <= first
+        assert clearance.lower <= clearance.value and clearance.upper >= first
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ from stochvi.model.coverage import free_motion, modulated, nonlinear, scene_note
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import DataFrame, frame_of, rows_of
 from stochvi.results.deadline import partial_result
-from stochvi.results.errors import NotApplicable
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import provenance, spoken_percent
 from stochvi.sampling.calculations import AccuracyOptions, calculation
 from stochvi.sampling.run import Run, sampled
@@ -716,6 +716,10 @@ MOST_TRIALS = 12
 NEAR = 0.2
 """Logarithm of the added damage over the accepted one from which the clearance is extrapolated."""
 
+MOST_UNKNOWN = 0.35
+"""Largest relative standard error of a damage ratio from which a clearance is told: it is that of
+the mean of eight records of which one brings nearly all."""
+
 LEAST_ADDED = 1e-6
 """Added damage that counts as none, over that without stops."""
 
@@ -725,12 +729,15 @@ LONGEST_STEP = 3.0
 
 class _Trial(NamedTuple):
     """Damage at a clearance, of several pairs that of the widest gap: the logarithm of what stops
-    add over what they may, and half its 95 % interval."""
+    add over what they may, half its 95 % interval, whether it is as accurate as asked for, and
+    whether it is known: a few fast impacts bring nearly all of the damage."""
 
     clearance: float
     found: Damage
     excess: float
     half: float
+    reached: bool
+    known: bool
 
     @property
     def worst(self) -> int:
@@ -820,17 +827,24 @@ def size_by_damage(
         done = number / MOST_TRIALS
         share = run.deadline.share(1.0 / max(MOST_TRIALS // 2 - number, 2))
         part = run.part(done, done + 1.0 / MOST_TRIALS, f"{1e3 * place:.4g} mm", share)
-        found: Damage = partial_result(
-            damage, at_clearances(scene, place * shares), mission=mission, equipment=equipment, q=q,
-            exponent=exponent, at=at, **part.options(rel_error=run.accuracy),
-        )  # fmt: skip
-        return _trial(place, found, ratio)
+        try:
+            found = damage(
+                at_clearances(scene, place * shares), mission=mission, equipment=equipment, q=q,
+                exponent=exponent, at=at, **part.options(rel_error=run.accuracy),
+            )  # fmt: skip
+        except (NotConverged, Interrupted) as reason:
+            if reason.partial is None:
+                raise
+            return _trial(place, reason.partial, ratio, False)
+        return _trial(place, found, ratio, True)
 
     trials, slope = _search(tried_at, sigma, run)
-    nearest = min(trials, key=lambda trial: abs(trial.excess))
-    per_metre = 2.0 * nearest.clearance * slope
-    value = nearest.clearance - nearest.excess / per_metre
-    half = nearest.half / abs(per_metre)
+    nearest = min(trials, key=lambda trial: (not trial.known, abs(trial.excess)))
+    least = LEAST_SIGMA * sigma
+    value = math.sqrt(max(nearest.clearance**2 - nearest.excess / slope, least**2))
+    half = nearest.half / abs(2.0 * nearest.clearance * slope)
+    if abs(nearest.excess) > NEAR:  # as far as nothing was seen
+        half += abs(value - nearest.clearance)
     rows = [
         {"clearance": each.clearance, "damage_ratio": ratios.value[each.worst],
          "standard_error": ratios.standard_error[each.worst],
@@ -849,15 +863,15 @@ def size_by_damage(
         warnings=[*nearest.found.warnings, *scene.at_means()],
         cost=run.cost(), provenance=provenance(scene.document(), run.seed),
     )  # fmt: skip
-    if abs(nearest.excess) > NEAR:
+    if abs(nearest.excess) > NEAR or not nearest.reached:
         raise run.deadline.fell_short(
-            f"before a ratio near {ratio:g} was seen ({len(trials)} clearances tried)",
-            "raise budget", answer,
+            f"before a ratio near {ratio:g} was known ({len(trials)} clearances tried)",
+            "raise budget", answer if nearest.known else None,
         )  # fmt: skip
     return answer
 
 
-def _trial(place: float, found: Damage, ratio: float) -> _Trial:
+def _trial(place: float, found: Damage, ratio: float, reached: bool) -> _Trial:
     ratios = found.damage_ratio
     if ratios is None:
         raise NotApplicable(
@@ -865,7 +879,11 @@ def _trial(place: float, found: Damage, ratio: float) -> _Trial:
         )
     worst = max(ratios.estimates(), key=lambda each: each.value)
     added = max(worst.value - 1.0, LEAST_ADDED)
-    return _Trial(place, found, math.log(added / (ratio - 1.0)), worst.half_width_95() / added)
+    excess = math.log(added / (ratio - 1.0))
+    hits = found.impacts_per_hour
+    seen = hits is None or hits.upper_95 is None
+    known = reached or (seen and worst.standard_error <= MOST_UNKNOWN * worst.value)
+    return _Trial(place, found, excess, worst.half_width_95() / added, reached, known)
 
 
 def _search(tried_at: Any, sigma: float, run: Run) -> tuple[list[_Trial], float]:
