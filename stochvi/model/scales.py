@@ -480,24 +480,27 @@ def _rough_law(model: Model) -> LinearLaw | None:
 
 
 def _motions(model: Model, law_of: Callable[[Model], LinearLaw | None]) -> list[Motion] | None:
-    """The motion of each function in a model with linear parts; None without a stationary state."""
+    """The motion of each function in a model with linear parts; None without a stationary state, or
+    where that is smaller than rounding beside what shakes it."""
     law = law_of(model) if is_positive(model.stiffness) else None
-    return None if law is None else motions_of(model, law)
+    if law is None or min(_squares(model, law)) < 0.0:
+        return None
+    return motions_of(model, law)
+
+
+def _squares(model: Model, law: LinearLaw) -> list[float]:
+    """Mean squares of the displacement and of the velocity of each function about their means."""
+    modes = model.modal
+    rows: list[Vector] = [part.direction @ modes.shapes for part in model.functions]
+    return [law.variances(row, start) for start in (0, modes.size) for row in rows]
 
 
 def motions_of(model: Model, law: LinearLaw) -> list[Motion]:
     """The motion of each function under a law of the linear part."""
-    modes, found = model.modal, []
-    for part in model.functions:
-        row: Vector = part.direction @ modes.shapes
-        found.append(
-            Motion(
-                float(row @ (modes.rest + law.mean)),
-                math.sqrt(law.variances(row, 0)),
-                math.sqrt(law.variances(row, modes.size)),
-            )
-        )
-    return found
+    modes = model.modal
+    deviations = np.reshape([math.sqrt(each) for each in _squares(model, law)], (2, -1))
+    means = [part.direction @ modes.shapes @ (modes.rest + law.mean) for part in model.functions]
+    return [Motion(*map(float, each)) for each in zip(means, *deviations, strict=True)]
 
 
 def is_positive(stiffness: np.ndarray) -> bool:

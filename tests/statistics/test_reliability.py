@@ -609,6 +609,23 @@ def test_the_risk_of_a_mission_is_that_of_its_phases_together() -> None:
     assert found.chances["hit"].why.startswith("phase cold has ")
 
 
+def test_a_mission_without_stops_has_the_risk_of_its_barrier() -> None:
+    """That of its phases, each alone."""
+    scene = mission([ROAD, ROUGH]).replace(impact_pairs=())
+    asked = {"barrier": 0.012, "rel_error": 0.3, "seed": 1, "threads": 1}
+    found = reliability(scene, **asked).chances["passage"].estimate  # type: ignore[arg-type]
+    survived = 1.0
+    for phase in scene.phases:
+        alone = (
+            reliability(scene.in_phase(phase.name), mission=phase.duration, **asked)
+            .chances["passage"]
+            .estimate
+        )  # type: ignore[arg-type]
+        survived *= 1.0 - alone.value
+    assert found.value == pytest.approx(1.0 - survived, rel=0.5)
+    assert_agrees(found, 1.0 - survived)
+
+
 def test_impacts_that_were_not_seen_in_a_phase_do_not_count_as_none() -> None:
     """A phase is hit in one mission of three, but no impact was simulated in it: the mean of the
     mission is at least a third, or it is not told."""

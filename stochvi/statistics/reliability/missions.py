@@ -293,11 +293,13 @@ def _most_hits(scene: Scene, duration: float) -> float | None:
     It is Rice's number of crossings of all stops in the duration, and the probability to start
     beyond one."""
     model = model_of(scene)
+    if not model.pairs:
+        return None
     try:
         crossings, outside = crossings_of(model)(1.0)
     except NotApplicable:
         return None
-    return max(crossings * duration + outside, LEAST) if model.pairs else None
+    return max(crossings * duration + outside, LEAST)
 
 
 def lag_of(model: Model, sweep_rate: float) -> float:

@@ -45,7 +45,7 @@ from stochvi.methods.monte_carlo.white import longest_at_stops
 from stochvi.methods.periodic import StructureResonance
 from stochvi.model.model import model_of
 from stochvi.model.scales import Motion, form_of, with_forms, with_linear_part
-from stochvi.scenes import FilteredNoise, Sine
+from stochvi.scenes import Coulomb, Duffing, FilteredNoise, Sine
 from stochvi.scenes.excitations import ConstantLoad, Excitation
 from stochvi.scenes.structures.rigid_body import Mount, RigidBody
 from stochvi.testing import assert_agrees
@@ -487,6 +487,31 @@ def test_a_spring_that_pulls_at_its_stops_is_followed(name: str) -> None:
     plan = make_plan(model_of(scene), None, 1000.0)
     assert_agrees(*measured_in(scene, plan))
     assert plan.step > 0.09  # that of a spring with one well is 0.28 s
+
+
+def test_friction_on_a_stiffening_spring_has_a_linear_part() -> None:
+    """Of the widest motion nothing is left beside rounding. The judge is the equivalent linear
+    oscillator under filtered noise, by a fixed point over an integral of its density."""
+    mass, omega, cubic, force, level = 2.0, 24.0 * math.pi, 1e9, 2.0, 3.0
+    own = 30.0 * math.pi
+    scene = Scene(
+        structure=Isolator(
+            mass=mass, frequency_hz=12.0, zeta=0.1, spring=Duffing(cubic_stiffness=cubic),
+            damper=Coulomb(force=force),
+        ),
+        excitations=[FilteredNoise(intensity=level, frequency_hz=15.0, zeta=0.2, on="base")],
+    )  # fmt: skip
+    linear = with_linear_part(model_of(scene), settled=1e-6)
+    w = np.linspace(0.0, 4000.0, 400_001)
+    base = level / math.pi * own**4 / ((own**2 - w**2) ** 2 + (0.4 * own * w) ** 2)
+    k, c = omega**2, 0.2 * omega
+    for _ in range(200):
+        moved = base / ((k - w**2) ** 2 + (c * w) ** 2)
+        square, speed = np.trapezoid(moved, w), np.trapezoid(w**2 * moved, w)
+        k += 0.5 * (omega**2 + 3.0 * cubic * square / mass - k)
+        c += 0.5 * (0.2 * omega + force / mass * math.sqrt(2.0 / math.pi / speed) - c)
+    assert linear.stiffness[0, 0] == pytest.approx(mass * k, rel=0.02)
+    assert linear.damping[0, 0] == pytest.approx(mass * c, rel=0.02)
 
 
 def test_a_linear_part_far_from_the_force_at_a_stop_heats_the_impacts() -> None:
