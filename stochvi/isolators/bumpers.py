@@ -587,7 +587,7 @@ def bumper_map(
             return _median_error(trials_of(sampler, parts), wanted)
 
         taken = part.to_accuracy(
-            sampler, FIRST_PATHS, error_of, run.accuracy, MOST_UNSEEN, needed=sampler.block
+            sampler, FIRST_PATHS, error_of, run.accuracy, MOST_UNSEEN, needed=max(sampler.block, 2)
         )
         paths += taken.paths
         rows.append(trials_of(sampler, taken.sample))

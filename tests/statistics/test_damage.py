@@ -48,6 +48,7 @@ from stochvi.methods.monte_carlo.kernels.crossings_and_cycles import STACK, coun
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import model_of
 from stochvi.results.estimates import format_with_error
+from stochvi.sampling.run import Run as Sampling
 from stochvi.scenes.datasets import profiles
 from stochvi.statistics.damage import SpectrumValues
 from stochvi.statistics.damage.assessment import HOLD_ERROR
@@ -62,7 +63,7 @@ from stochvi.statistics.damage.equipment import (
     three_quarters,
 )
 from stochvi.statistics.damage.missions import envelope, equivalent_density, joint_spectra
-from stochvi.statistics.damage.simulated import DamageSampler, sampled_for
+from stochvi.statistics.damage.simulated import ClusterSampler, DamageSampler, sampled_for
 from stochvi.statistics.histories import accelerations
 from stochvi.testing import assert_agrees
 from support import judges
@@ -924,6 +925,23 @@ def test_a_sine_on_random_has_a_ratio_by_simulation() -> None:
     found = damage(scene, mission=60.0, equipment=[30.0, 60.0], rel_error=0.5)
     assert found.way_without == "simulation" and np.all(found.damage_ratio.value > 1.0)
     assert judges.columns_without_judge(found) == []
+
+
+def test_a_budget_that_ends_at_once_leaves_two_paths_of_clusters(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also where each path is a block of its own: one has no standard error."""
+
+    def ended(self: Sampling, sampler: Any, *_: object, needed: int, **__: object) -> Any:
+        return self.until(sampler, needed, lambda sample: 0.0)
+
+    monkeypatch.setattr(Sampling, "to_accuracy", ended)
+    monkeypatch.setattr(ClusterSampler, "block", 1)
+    law = Viscoelastic(stiffness=2e5, damping_ratio=0.2)
+    stops = ImpactPair(lower=-9e-3, upper=9e-3, law=law)
+    found = damage(FREE.replace(impact_pairs=[stops]), mission=60.0, equipment=[60.0])
+    assert found.way == "clusters" and found.cost.paths == 2
+    assert found.impacts_per_hour is not None and found.impacts_per_hour.standard_error > 0.0
 
 
 def test_a_number_of_frequencies_is_that_number() -> None:

@@ -656,7 +656,7 @@ class _Question:
             return float(np.median(error / np.abs(total)))
 
         taken = self.run.to_accuracy(
-            sampler, FEWEST_CLUSTER_PATHS, error_of, self.run.accuracy, needed=sampler.block
+            sampler, FEWEST_CLUSTER_PATHS, error_of, self.run.accuracy, needed=max(sampler.block, 2)
         )
         found = Clusters(sampler, joined_clusters(taken.sample))
         if not found.apart and way is None:
