@@ -629,9 +629,8 @@ def test_rates_of_hits_agree_with_counting(name: str, rel_error: float, paths: i
         total = sum(rate for rate, _ in known.values())
         error = math.hypot(*(error for _, error in known.values()))
         first = found.first_rate
-        first = replace(first, standard_error=math.hypot(first.standard_error, error))
-        with pytest.raises(AssertionError):
-            assert_agrees(first, total)
+        # of two masses 4 % are no first ones, which 2^17 paths tell apart by 3.6 standard errors
+        assert total - first.value > 2.0 * math.hypot(first.standard_error, error)
 
 
 @pytest.mark.verify
