@@ -231,7 +231,7 @@ def _wrap_labels(ax: Axes) -> None:
 LENGTH_UNITS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"))
 """Units of length that axes may have: length of the unit in metres, and its name."""
 
-SCREEN, PAGE, TALL = (6.4, 4.0), (5.2, 3.5), (5.2, 4.4)
+SCREEN, PAGE, TALL = (6.4, 4.0), (5.2, 3.5), (5.2, 4.0)
 """Sizes of figures in inches: for a screen, and two for half the width of a page, where letters of
 10 points read well on a telephone too."""
 

@@ -215,7 +215,7 @@ def _marks(found: ClearanceAnswer) -> list[tuple[str, str, float]]:
     if not found.each_made or made is None:
         return [(COLOURS["stop"], calculated, place)]
     if made.value < (1.0 + NOTABLE) * place:
-        return [(CLEARANCES["recommended"], f"make {made} ({calculated})", place)]
+        return [(CLEARANCES["recommended"], f"make {made} ({calculated})", made.value)]
     return [
         (COLOURS["stop"], calculated, place),
         (CLEARANCES["recommended"], f"make {made}", made.value),

@@ -40,6 +40,7 @@ def draw(curves: dict[str, pd.DataFrame]) -> Axes:
         ends = curve["clearance"].iloc[[0, -1]]
         plot_clearance_curve(curve, predicted_rates(case, list(np.linspace(*ends, 61))), ax)
         ax.set_title(title, fontsize="medium")
+        ax.legend(frameon=False)
     return axes[0]
 
 

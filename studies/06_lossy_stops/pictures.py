@@ -66,4 +66,5 @@ def figure_of(table: pd.DataFrame, slopes: pd.DataFrame, case: sv.Scene) -> Figu
     plot_plane(case, density, rows[2][0]).set_title("density, R = 0.5, b = 0.1")
     speeds = plot_impact_speeds(case, density, rows[2][1])
     speeds.set(title="impact speeds, R = 0.5, b = 0.1", ylabel="impacts per second and m/s (1/m)")
+    speeds.legend(frameon=False)
     return figure

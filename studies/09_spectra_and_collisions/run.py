@@ -66,5 +66,5 @@ pd.DataFrame(rows).to_csv(options.out / "result.csv", index=False)
 for chart, low in ((spectra, 1e-3), (speeds, 1e-4), (intervals, 1e-6)):
     chart.finish(4)
     chart.ax.set_ylim(bottom=low)
-above.set_title("spectra with 95 % bands; dashed exact, dotted linearised", fontsize="medium")
+figure.suptitle("spectra with 95 % bands; dashed exact, dotted linearised", fontsize="medium")
 write_picture(above, options.out / "figure.png")

@@ -404,6 +404,9 @@ def test_a_report_as_pdf_has_pages(tmp_path: Path) -> None:
     made = json.loads((tmp_path / "size.json").read_text("utf-8"))["made"]["value"]
     assert len(pages) >= 3 and f"Make {1e3 * made:g}" in text.replace("\u00a0", " ")
     assert "Revision and signatures" in text
+    front = " ".join(pages[0].extract_text().split())
+    captions = "The scene with its stops", "any impact in the mission", "Approved"
+    assert all(each in front for each in captions), "the sheet that is signed is whole"
 
 
 def test_spectra_of_equipment_have_their_units() -> None:

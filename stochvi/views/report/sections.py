@@ -72,13 +72,16 @@ def record_cards(
 
 
 def _card(where: str, record: RecordVerdict, more: str) -> Fact:
+    """What a record needs; why it is no Gaussian noise, where it is none."""
+    evidence = (
+        f": it moves {record.peak_in_sigma:.3g} sigma, where Gaussian noise would move "
+        f"{record.expected_peak_in_sigma:.3g} in its time; response kurtosis "
+        f"{record.kurtosis:.3g}, 3 ± {record.kurtosis_error:.2g} for Gaussian noise"
+    )
     return Fact(
         f"The record itself needs{where}",
         record.needed,
-        f"{record.needed_by_side}, from the static equilibrium; {record.headline()}: it moves "
-        f"{record.peak_in_sigma:.3g} sigma, where Gaussian noise would move "
-        f"{record.expected_peak_in_sigma:.3g} in its time; response kurtosis "
-        f"{record.kurtosis:.3g}, 3 ± {record.kurtosis_error:.2g} for Gaussian noise{more}",
+        f"{record.needed_by_side}; {record.headline()}{'' if record.agrees else evidence}{more}",
     )
 
 
