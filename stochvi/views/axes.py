@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import itertools
 import textwrap
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.text import Text
 
-    from stochvi.scenes.scene import ImpactPair, Scene
+    from stochvi.scenes.scene import Scene
 
 
 # ------------------------------------------------------------------------------
@@ -341,42 +341,6 @@ def add_grid(ax: Axes) -> None:
     ax.grid(which="major", color=GRID_COLOUR, linewidth=0.6)
 
 
-def length_unit(size: float) -> tuple[float, str]:
-    """Unit of lengths of this size, (metres, name): the chosen one, or one that reads well."""
-    if LENGTH.chosen is not None:
-        return LENGTH.chosen.si, LENGTH.chosen.name
-    return next((unit for unit in LENGTH_UNITS if size >= 0.2 * unit[0]), LENGTH_UNITS[-1])
-
-
-def draw_stops(ax: Axes, scene: Scene, unit: float, *, vertical: bool) -> None:
-    """Draw the stops as grey bands; the view is widened where it does not reach them."""
-    draw_stop_bands(ax, scene.expanded.impact_pairs, unit, vertical=vertical)
-
-
-def draw_stop_bands(ax: Axes, pairs: Iterable[ImpactPair], unit: float, *, vertical: bool) -> None:
-    """Draw the stops of these pairs as grey bands, at their positions (m) divided by `unit`."""
-    limits, span, set_limits = (
-        (ax.get_xlim, ax.axvspan, ax.set_xlim)
-        if vertical
-        else (ax.get_ylim, ax.axhspan, ax.set_ylim)
-    )
-    stops = [
-        (position / unit, side)
-        for pair in pairs
-        for position, side in ((pair.lower, -1.0), (pair.upper, 1.0))
-        if position is not None
-    ]
-    low, high = limits()
-    margin = 0.08 * (high - low)
-    for place, side in stops:
-        low = min(low, place - margin) if side < 0.0 else low
-        high = max(high, place + margin) if side > 0.0 else high
-    for place, side in stops:
-        edges = (low, place) if side < 0.0 else (place, high)
-        span(*edges, color=COLOURS["stop"], alpha=0.35, linewidth=0)
-    set_limits(low, high)
-
-
 def thinned(t: Vector, x: Vector, most: int = MOST_POINTS) -> tuple[Vector, Vector]:
     """A curve of at most about `most` points that reaches as far up and down as the whole one.
 
@@ -472,7 +436,9 @@ def time_of(part: slice, time: Vector) -> Scale:
 
 def length_of(size: float) -> ShownQuantity:
     """Lengths of this size: in the chosen unit, or in one that reads well."""
-    unit, name = length_unit(size)
+    if LENGTH.chosen is not None:
+        return LENGTH
+    unit, name = next((each for each in LENGTH_UNITS if size >= 0.2 * each[0]), LENGTH_UNITS[-1])
     return ShownQuantity("length", Size(name, unit))
 
 
@@ -602,6 +568,22 @@ class Chart(NamedTuple):
         place = self.x.quantity(x), self.y.quantity(y)
         look = {"textcoords": "offset points", "fontsize": "small"} | look
         self.ax.annotate(words, place, shift, **look)
+
+    def walls(self, scene: Scene) -> None:
+        """The stops of a scene as grey bands; the view is widened where it does not reach them."""
+        stops = [
+            (self.x.quantity(getattr(pair, side)), side)
+            for pair in scene.expanded.impact_pairs
+            for side, _ in pair.stops()
+        ]
+        low, high = self.ax.get_xlim()
+        margin = 0.08 * (high - low)
+        low = min([low, *(at - margin for at, side in stops if side == "lower")])
+        high = max([high, *(at + margin for at, side in stops if side == "upper")])
+        for at, side in stops:
+            edges = (low, at) if side == "lower" else (at, high)
+            self.ax.axvspan(*edges, color=COLOURS["stop"], alpha=0.35, linewidth=0)
+        self.ax.set_xlim(low, high)
 
     def above(self, scale: Scale, factor: float) -> None:
         """A second scale above the axes: x in SI units, times a factor."""

@@ -31,7 +31,7 @@ from stochvi.results.estimates import (
     Estimate,
 )
 from stochvi.scenes.keys import KEY_UNITS
-from stochvi.views.axes import axes_or_new
+from stochvi.views.axes import Chart, Scale, panels
 from stochvi.views.files import try_picture, write_bytes, write_table
 from stochvi.views.pages import Grid, Section, Told
 from stochvi.views.tables import (
@@ -203,31 +203,26 @@ def draw_sweep(
 
     Bars are 95 % intervals of the statistical error alone.
     """
-    import matplotlib.pyplot as plt
+    from matplotlib import colormaps
 
-    alone, ax = ax is None, axes_or_new(ax, SIZE)
-    name = quantity.rsplit(".", 1)[1]
+    alone, name = ax is None, quantity.rsplit(".", 1)[1]
     shown, key = _quantity(table, quantity), _shown(table, unit_of_key(keys[0]) or "")
+    chart = Chart.on(ax, Scale(_last(keys[0]), key), Scale(name, shown), SIZE)
+    ax = chart.ax
     groups = table.groupby(list(keys[1:]), sort=True) if keys[1:] else [((), table)]
-    colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.88, len(groups)))
+    colours = map(tuple, colormaps["viridis"](np.linspace(0.0, 0.88, len(groups))))
     for colour, (values, group) in zip(colours, groups, strict=True):
         pairs = zip(keys[1:], values, strict=True)
         label = ", ".join(f"{_last(key)} {value:.4g}" for key, value in pairs)
-        ax.errorbar(
-            key(group[keys[0]]), shown(group[quantity]),
-            shown(GAUSSIAN_95 * group[f"{quantity}.{ERROR}"]),
-            fmt="o-", markersize=4, capsize=2, color=colour, label=label,
-        )  # fmt: skip
+        x, y = group[keys[0]], group[quantity]
+        half = GAUSSIAN_95 * group[f"{quantity}.{ERROR}"]
+        chart.points(x, y, label, colour, "o-", low=y - half, high=y + half, capsize=2)
         if (limit := f"{quantity}.{LIMIT}") in group:
             unseen = group[group[limit].notna()]
-            ax.plot(
-                key(unseen[keys[0]]), shown(unseen[limit]), "v", color=colour,
-                label="_never seen",
-            )  # fmt: skip
+            chart.points(unseen[keys[0]], unseen[limit], "_never seen", colour, "v")
     if 1 < len(groups) <= MOST_IN_A_LEGEND:
         ax.legend(frameon=False, fontsize="small")
-    ax.set_xlabel(key.heading(_last(keys[0])))
-    ax.set_ylabel(_named(table, quantity))
+    ax.set(xlabel=chart.x.label, ylabel=_named(table, quantity))
     if _spans_decades(table[quantity]) or (
         UNITS.get(name) == "1" and name in SUMMARY_UNITS and (table[quantity] > 0.0).all()
     ):
@@ -278,8 +273,6 @@ def unit_of_key(key: str) -> str | None:
 
 def draw_sheet(table: DataFrame, keys: Sequence[str], title: str = "") -> Axes:
     """The quantities that matter most and that change, each in a small picture of one sheet."""
-    import matplotlib.pyplot as plt
-
     chosen = [
         quantity
         for name in GOVERNED
@@ -288,22 +281,19 @@ def draw_sheet(table: DataFrame, keys: Sequence[str], title: str = "") -> Axes:
     ][:MOST_PANELS]
     if not chosen:
         chosen = quantities(table)[:1]
-    columns = min(len(chosen), 3)
-    rows = -(-len(chosen) // columns)
-    figure, axes = plt.subplots(
-        rows, columns, squeeze=False, layout="constrained",
-        figsize=(max(columns, 2) * PANEL[0], rows * PANEL[1]),
-    )  # fmt: skip
-    for ax, quantity in zip(axes.ravel(), chosen, strict=False):
-        draw_sweep(table, keys, quantity, ax=ax)
-        if (legend := ax.get_legend()) is not None and ax is not axes[0, 0]:
+    ends = _span(_shown(table, unit_of_key(keys[0]) or "")(table[keys[0]]))
+
+    def draw(quantity: str, ax: Axes) -> None:
+        draw_sweep(table, keys, quantity, ax=ax).set_xlim(*ends)
+        legend = ax.get_legend()
+        if legend is not None and quantity != chosen[0]:
             legend.remove()
-        ax.set_xlim(*_span(_shown(table, unit_of_key(keys[0]) or "")(table[keys[0]])))
-    for ax in axes.ravel()[len(chosen) :]:
-        ax.set_visible(False)
-    figure.suptitle(_title(table, chosen, title), fontsize="medium")
-    first: Axes = axes[0, 0]
-    return first
+
+    columns = min(len(chosen), 3)
+    size = max(columns, 2) * PANEL[0], -(-len(chosen) // columns) * PANEL[1]
+    title = _title(table, chosen, title)
+    each = [partial(draw, quantity) for quantity in chosen]
+    return panels(None, each, size, title, columns, sharex=False)
 
 
 def _last(key: str) -> str:

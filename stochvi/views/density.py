@@ -38,9 +38,7 @@ from stochvi.views.axes import (
     around_shock,
     as_written,
     density_of,
-    draw_stops,
     length_of,
-    length_unit,
     owner_colours,
     panels,
     thinned,
@@ -153,7 +151,7 @@ def plot_displacement_density(found: Overview, ax: Axes | None = None) -> Axes:
         density = normal_density(x, found.mean_without_stops, found.std_without_stops)
         chart.curve(x, density, "without stops", "stop", "--")
     chart.ax.set_ylim(bottom=0.0)
-    draw_stops(chart.ax, found.scene, length.shown.si, vertical=True)
+    chart.walls(found.scene)
     return chart.finish(3)
 
 
@@ -438,13 +436,14 @@ def write_animation(found: History, scene: Scene, path: Path, title: str = "") -
     time = _frame_times(found)
     tracks = _tracks(found, scene, time)
     reach = max(float(np.abs(place).max()) for track in tracks for place in track.places)
-    unit, name = length_unit(reach)
+    length = length_of(reach)
+    unit = length.shown.si
     width = BLOCK_WIDTH * reach / unit
     figure, ax = plt.subplots(figsize=(7.2, 1.6 + 0.9 * len(tracks)), layout="constrained")
     try:
         ax.set(xlim=(-1.25 * reach / unit, 1.25 * reach / unit), ylim=(-0.7, len(tracks) - 0.3))
         ax.set_yticks(range(len(tracks)), [track.name for track in tracks])
-        ax.set_xlabel(f"displacement ({name})")
+        ax.set_xlabel(length.heading("displacement"))
         slow = len(time) / FRAMES_PER_SECOND / (time[-1] - time[0])
         pace = f"{slow:.3g} times slower" if slow >= 1.0 else f"{1.0 / slow:.3g} times faster"
         heading = ax.set_title(f"{title or 'one realisation'}, {pace} than it is", fontsize="small")
@@ -633,7 +632,7 @@ def plot_plane(scene: Scene, found: Density, ax: Axes | None = None) -> Axes:
         norm=LogNorm(top * 10.0**-DECADES, top), rasterized=True,
     )  # fmt: skip
     chart.ax.figure.colorbar(mesh, ax=chart.ax, label=f"probability density (1/({length} {SPEED}))")
-    draw_stops(chart.ax, scene, length.shown.si, vertical=True)
+    chart.walls(scene)
     rigid = [stop for side, stop in _stops(scene) if scene.impact_pairs[0].law_of(side).rigid]
     for stop in rigid:
         for low, high in ((0.0, 0.5 - SLIT), (0.5 + SLIT, 1.0)):
@@ -694,7 +693,7 @@ def plot_marginals(
             chart.band(x, low, high, "exact", "where the true one lies")
         ax.set_ylim(bottom=0.0)
         if ax is left:
-            draw_stops(ax, scene, length.shown.si, vertical=True)
+            chart.walls(scene)
         chart.finish(3)
     return left, right
 

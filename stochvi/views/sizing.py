@@ -35,7 +35,6 @@ from stochvi.views.axes import (
     add_title,
     bounds_of,
     density_of,
-    draw_stops,
     length_of,
     listed,
     owner_colours,
@@ -360,7 +359,7 @@ def plot_histogram(review: Review, ax: Axes | None = None) -> Axes:
     chart.curve(x, normal, "normal distribution, no stops", "exact", "--")
     peak = heights.quantity(float(normal_density(0.0, 0.0, sizing.sigma)))
     chart.ax.set(xlim=length(edges[[0, -1]]), ylim=(2e-6 * peak, 3.0 * peak))
-    draw_stops(chart.ax, motion.scene, length.shown.si, vertical=True)
+    chart.walls(motion.scene)
     return chart.finish()
 
 
