@@ -21,7 +21,6 @@ from stochvi.mathematics.units import (
 )
 from stochvi.results.base import ROTATIONS, DataFrame, unit_of
 from stochvi.results.errors import StochviError
-from stochvi.verification.check import AGREES, DISAGREES
 from stochvi.views.axes import (
     BAND_ALPHA,
     COLOURS,
@@ -34,7 +33,6 @@ from stochvi.views.axes import (
     listed,
     owner_colours,
 )
-from stochvi.views.density import draw_motion, excerpt, hits_of
 from stochvi.views.pages import Grid, Told, told_of
 from stochvi.views.sizing import plot_pairs_risk, plot_risk
 from stochvi.views.tables import (
@@ -266,6 +264,8 @@ def plot_check(found: Check, ax: Axes | None = None) -> Axes:
 
 def plot_checks(found: Checks, ax: Axes | None = None) -> Axes:
     """Difference over its standard error of the comparisons of all scenes that differ most."""
+    from stochvi.verification.check import AGREES, DISAGREES
+
     table = found.to_frame()
     table = table[table["verdict"].isin([AGREES, DISAGREES]) & table["score"].notna()]
     rows = {
@@ -325,6 +325,8 @@ def plot_transient(found: Transient, ax: Axes | None = None) -> Axes:
 
 def plot_motion(found: History, ax: Axes | None = None) -> Axes:
     """Displacement of each coordinate around the fastest impact, with its stops."""
+    from stochvi.views.density import draw_motion, excerpt, hits_of
+
     names, samples = list(found.coordinates), found.samples
     columns = [f"{name}.displacement_m" if len(names) > 1 else "displacement_m" for name in names]
     curves = {name: samples[column].to_numpy() for name, column in zip(names, columns, strict=True)}
