@@ -210,8 +210,8 @@ distance, in units of s^2. Rounding may leave so much."""
 # Polynomials on the unit box: Legendre in the displacement, Lobatto in the velocity.
 #
 # Symbols: xi in [-1, 1] displacement, u in [-U, U] velocity, g(u) = exp(-u^2 / 2) its weight,
-# N_k(u) the functions of velocity. `Mesh` has one set of them for the whole box, the same for u > 0
-# and u < 0; `VelocityCells` are cells of any size, which differ from strip to strip.
+# N_k(u) the functions of velocity. They live on `VelocityCells` of any size, which differ from
+# strip to strip; a `Mesh` has one set of cells for the whole box, the same for u > 0 and u < 0.
 # ------------------------------------------------------------------------------
 
 
@@ -254,9 +254,9 @@ class Mesh:
         return (len(self.x_breaks) - 1) * (self.x_degree + 1) * self.velocity.size
 
     @cached_property
-    def velocity(self) -> VelocityBasis:
+    def velocity(self) -> VelocityCells:
         """Functions of velocity, with the integrals that do not depend on a scene."""
-        return VelocityBasis(self.u_breaks, self.u_degree)
+        return VelocityCells((*(-u for u in self.u_breaks[:0:-1]), *self.u_breaks), self.u_degree)
 
     @cached_property
     def displacement(self) -> tuple[DisplacementElement, ...]:
@@ -288,107 +288,6 @@ def lobatto(degree: int, x: Array) -> tuple[Array, Array]:
     values[..., 0], slopes[..., 0] = (1.0 - x) / 2.0, -0.5
     values[..., 1], slopes[..., 1] = (1.0 + x) / 2.0, 0.5
     return values, slopes
-
-
-class VelocityBasis:
-    """Continuous functions N_k(u) on [-U, U], a kink allowed at 0.
-
-    `half` functions live on u >= 0, the first is 1 at u = 0; those of u < 0 are their mirror
-    images and share the first. `plus` and `minus` are the places of both among all functions.
-    """
-
-    def __init__(self, breaks: Sequence[float], degree: int) -> None:
-        self.breaks = np.asarray(breaks, dtype=float)
-        self.degree = degree
-        self.elements = len(breaks) - 1
-        self.half = self.elements * degree + 1
-        self.size = 2 * self.half - 1
-        self.plus = np.arange(self.half)
-        self.minus = np.concatenate([[0], np.arange(self.half, self.size)])
-        self.nodes = degree + EXTRA_NODES
-        self._tabulate()
-
-    def values(self, u: Array) -> tuple[Array, Array]:
-        """The functions of u >= 0 and their derivatives, on a new last axis."""
-        element = np.clip(np.searchsorted(self.breaks, u, side="right") - 1, 0, self.elements - 1)
-        length = np.diff(self.breaks)[element]
-        local = 2.0 * (u - self.breaks[element]) / length - 1.0
-        values, slopes = lobatto(self.degree, local)
-        slopes *= 2.0 / length[..., None]
-        found = np.zeros((2, *u.shape, self.half))
-        for e in range(self.elements):
-            here = (element == e)[..., None]
-            places = self._places(e)
-            found[0][..., places] += np.where(here, values, 0.0)
-            found[1][..., places] += np.where(here, slopes, 0.0)
-        return found[0], found[1]
-
-    def _places(self, element: int) -> NDArray[np.intp]:
-        """Indices of an element's functions in its half: both ends first, then those inside."""
-        inner = self.elements + 1 + element * (self.degree - 1)
-        return np.array([element, element + 1, *range(inner, inner + self.degree - 1)])
-
-    def _tabulate(self) -> None:
-        """Integrals of g N_l against N_k: u, N_k' N_l, N_k' N_l', u N_k' N_l over each half."""
-        u, weights = gauss_panels(self.breaks, self.nodes)
-        weights = weights * np.exp(-(u**2) / 2.0)
-        values, slopes = self.values(u)
-
-        def pair(test: Array, factor: Array | float, trial: Array) -> Array:
-            return test.T @ ((weights * factor)[:, None] * trial)
-
-        flux = pair(values, u, values)
-        drift = pair(slopes, 1.0, values)
-        zero = np.zeros_like(flux)
-        self.flux_plus = self.both(flux, zero)
-        self.flux_minus = self.both(zero, -flux)
-        self.drift = self.both(drift, -drift)
-        diffusion = pair(slopes, 1.0, slopes)
-        damping = pair(slopes, u, values)
-        self.diffusion = self.both(diffusion, diffusion)
-        self.damping = self.both(damping, damping)
-        self.half_moments = np.stack([(weights * u**power) @ values for power in range(4)])
-        self.mass = self.spread(self.half_moments[0])
-        self.square = self.spread(self.half_moments[2])
-
-    def both(self, plus: Array, minus: Array) -> Array:
-        """A matrix over all functions from those over each half."""
-        whole = np.zeros((self.size, self.size))
-        whole[np.ix_(self.plus, self.plus)] += plus
-        whole[np.ix_(self.minus, self.minus)] += minus
-        return whole
-
-    def spread(self, half: Array) -> Array:
-        """An even functional over all functions from that over one half."""
-        whole = np.zeros(self.size)
-        whole[self.plus] += half
-        whole[self.minus] += half
-        return whole
-
-    def flux_above(self, threshold: Array) -> Array:
-        """Integrals of g u N_k over u > threshold, one row per threshold."""
-        edges = np.maximum(self.breaks, threshold[:, None])
-        u, weights = gauss_panels(edges, self.nodes)
-        values, _ = self.values(u)
-        flux: Array = np.einsum("bq,bqk->bk", weights * u * np.exp(-(u**2) / 2.0), values)
-        return flux
-
-    def wall(self, restitution: Array) -> tuple[Array, Array]:
-        """Matrices of what arrives at a stop and of what leaves it, one pair per restitution R.
-
-        These are the integrals over u > 0 of g u N_l(u) N_k(u) and of g u N_l(u) N_k(R u). The
-        second is by Gauss between mesh points and mesh points / R, where its integrand is smooth.
-        """
-        with np.errstate(divide="ignore"):
-            images = np.minimum(self.breaks[1:] / restitution[:, None], self.breaks[-1])
-        mesh = np.broadcast_to(self.breaks, (len(restitution), len(self.breaks)))
-        edges = np.sort(np.concatenate([mesh, images], axis=1), axis=1)
-        u, weights = gauss_panels(edges, self.nodes)
-        weights = weights * u * np.exp(-(u**2) / 2.0)
-        arriving = weights[..., None] * self.values(u)[0]
-        leaving, _ = self.values(restitution[:, None] * u)
-        taken = self.flux_plus[np.ix_(self.plus, self.plus)]
-        return taken, np.swapaxes(leaving, 1, 2) @ arriving
 
 
 class DisplacementElement:
@@ -459,6 +358,37 @@ class VelocityCells:
         along = self._pair(np.full_like(self.u, diffusion), slopes, slopes)
         return along + self._pair(drag, slopes, self.local_values)
 
+    def assembled(self, local: Array, side: int = 0) -> Array:
+        """Matrix over all functions of integrals over each cell, (cell, test, trial): those of one
+        side of u = 0, or of both."""
+        whole = np.zeros((self.size, self.size))
+        some = (slice(None), slice(self.zero, None), slice(self.zero))[side]
+        places = self.places[some]
+        np.add.at(whole, (places[:, :, None], places[:, None, :]), local[some])
+        return whole
+
+    @cached_property
+    def matrices(self) -> dict[str, Array]:
+        """Integrals of g N_l against N_k over all cells: of u over u > 0 and u < 0 ("plus",
+        "minus"), 1 ("mass"); and of N_k' N_l ("drift"), N_k' N_l' ("diffusion"), u N_k' N_l
+        ("damping")."""
+        one, values, slopes = np.ones_like(self.u), self.local_values, self.local_slopes
+        local = {
+            "mass": self._pair(one, values, values),
+            "drift": self.drift,
+            "diffusion": self._pair(one, slopes, slopes),
+            "damping": self._pair(self.u, slopes, values),
+        }
+        found = {name: self.assembled(each) for name, each in local.items()}
+        return found | {s: self.assembled(self.flux, k) for s, k in (("plus", 1), ("minus", -1))}
+
+    @cached_property
+    def moments(self) -> dict[int, Array]:
+        """Integrals of g |u|^power N_k over u > 0 (key 1) and u < 0 (key -1), rows of the powers 0
+        to 3."""
+        powers = range(4)
+        return {side: np.array([self.above(0.0, k, side) for k in powers]) for side in (-1, 1)}
+
     def split(self, kinks: Array) -> tuple[Array, Array, Array, Array]:
         """Quadrature for functions with a kink each, every cell split where the kink is in it.
 
@@ -493,12 +423,12 @@ class VelocityCells:
         return np.concatenate([cell, cell + 1, inside], axis=1)
 
     def values(self, u: ArrayLike) -> Array:
-        """All functions at places u, one row for each; 0 beyond the cells."""
+        """All functions at places u, on a new last axis; 0 beyond the cells."""
         u = np.asarray(u, dtype=float)
         cell, values, _ = self._local(u)
         inside = (u >= self.breaks[0]) & (u <= self.breaks[-1])
-        found = np.zeros((len(u), self.size))
-        np.put_along_axis(found, self.places[cell], values * inside[:, None], axis=1)
+        found = np.zeros((*u.shape, self.size))
+        np.put_along_axis(found, self.places[cell], values * inside[..., None], axis=-1)
         return found
 
     def functional(self, factor: Array) -> Array:
@@ -507,11 +437,38 @@ class VelocityCells:
         np.add.at(found, self.places, (self.weights * factor) @ self.local_values)
         return found
 
-    def above(self, slowest: float, power: int, side: int) -> Array:
-        """Integrals of g |u|^power N_k over side * u > slowest."""
-        edges = np.unique(np.maximum(side * self.breaks, slowest))
+    def _half(self, side: int) -> Array:
+        """Sizes of the breaks of one side, from 0 on."""
+        return np.sort(side * self.breaks)[-np.count_nonzero(side * self.breaks >= 0.0) :]
+
+    def above(self, slowest: ArrayLike, power: int, side: int) -> Array:
+        """Integrals of g |u|^power N_k over side * u > slowest; of many speeds as rows."""
+        edges = np.maximum(self._half(side), np.asarray(slowest, dtype=float)[..., None])
         u, weights = gauss_panels(edges, self.degree + EXTRA_NODES)
-        found: Array = (weights * u**power * np.exp(-(u**2) / 2.0)) @ self.values(side * u)
+        weights = weights * u**power * np.exp(-(u**2) / 2.0)
+        found: Array = (weights[..., None, :] @ self.values(side * u))[..., 0, :]
+        return found
+
+    def returned(self, restitution: Array, side: int) -> Array:
+        """Integrals over w > 0 of g w N_l(side w) N_k(-side R w): what a stop gives back, for each
+        R; columns are the functions that arrive, rows those that leave.
+
+        By Gauss between the breaks, the same on both sides, and the breaks / R, where the integrand
+        is smooth.
+        """
+        breaks, r = self._half(side), restitution[:, None]
+        with np.errstate(divide="ignore"):
+            images = np.minimum(breaks[1:] / r, breaks[-1])
+        mesh = np.broadcast_to(breaks, (len(r), len(breaks)))
+        w, weights = gauss_panels(
+            np.sort(np.concatenate([mesh, images], axis=1), axis=1), self.degree + EXTRA_NODES
+        )
+        arriving, inward = (self.plus, self.minus) if side > 0 else (self.minus, self.plus)
+        came = (weights * w * np.exp(-(w**2) / 2.0))[..., None] * self.values(side * w)[
+            ..., arriving
+        ]
+        left = self.values(-side * r * w)[..., inward]
+        found: Array = np.swapaxes(left, 1, 2) @ came
         return found
 
 

@@ -112,13 +112,12 @@ class Operator:
         self.mass = sparse.csc_array(scale @ mass @ scale)
         constant = np.zeros(self._shape)
         # P_0, and the linear functions of velocity, which add up to 1
-        linear = np.arange(velocity.elements + 1)
-        constant[:, 0, velocity.plus[linear]] = constant[:, 0, velocity.minus[linear]] = 1.0
+        constant[:, 0, : velocity.vertices] = 1.0
         self.unity: Array = constant.ravel() / self.scale
         self.outflow: Array = np.zeros(len(self.scale))
         for side, wall in ((-1, walls.left), (1, walls.right)):
             if wall is None:
-                self.outflow += box.time * self.arrivals(side, velocity.half_moments[1])
+                self.outflow += box.time * self.arrivals(side, velocity.moments[side][1])
 
     def factorised(self, shift: float) -> Factors:
         """LU factors of matrix + shift mass; `shift` per unit time of the box."""
@@ -129,18 +128,18 @@ class Operator:
 
     def _assemble(self) -> tuple[sparse.csc_array, sparse.csc_array]:
         """Sums of products of matrices in displacement and in velocity."""
-        box, velocity = self.box, self.mesh.velocity
+        box, known = self.box, self.mesh.velocity.matrices
         products, pushed, up, down = self._displacement_matrices()
-        spread = box.diffusion * velocity.diffusion
-        spread += (box.damping - box.diffusion) * velocity.damping
-        matrix = _kron(products, spread) - _kron(pushed, velocity.drift)
-        matrix = matrix + _kron(up, velocity.flux_plus) + _kron(down, velocity.flux_minus)
+        spread = box.diffusion * known["diffusion"]
+        spread = spread + (box.damping - box.diffusion) * known["damping"]
+        matrix = _kron(products, spread) - _kron(pushed, known["drift"])
+        matrix = matrix + _kron(up, known["plus"]) + _kron(down, known["minus"])
         for side, restitution in ((-1, self.walls.left), (1, self.walls.right)):
             if restitution is not None:
                 end = self._end(side)
                 given = self._given_back(restitution, side)
                 matrix = matrix - _kron(self._weight(side) * np.outer(end, end), given)
-        mass = _kron(products, self._velocity_mass())
+        mass = _kron(products, known["mass"])
         return sparse.csc_array(matrix), sparse.csc_array(mass)
 
     def _displacement_matrices(self) -> tuple[Array, Array, Array, Array]:
@@ -175,13 +174,6 @@ class Operator:
         values[place] = element.at_right if side > 0 else element.at_left
         return values.ravel()
 
-    def _velocity_mass(self) -> Array:
-        velocity = self.mesh.velocity
-        u, weights = gauss_panels(velocity.breaks, velocity.nodes)
-        values, _ = velocity.values(u)
-        half = values.T @ ((weights * np.exp(-(u**2) / 2.0))[:, None] * values)
-        return velocity.both(half, half)
-
     def _given_back(self, restitution: float | BetaDistribution, side: int) -> Array:
         """Matrix of the flux that an end gives back, (test, trial) in velocity; its mean where the
         restitution scatters."""
@@ -194,8 +186,7 @@ class Operator:
         if side < 0:
             outward, inward = inward, outward
         whole = np.zeros((velocity.size, velocity.size))
-        _, given = velocity.wall(np.array([restitution]))
-        whole[np.ix_(inward, outward)] = given[0]
+        whole[np.ix_(inward, outward)] = velocity.returned(np.array([restitution]), side)[0]
         return whole
 
     def _profiles(self, xi: Array) -> Array:
@@ -211,13 +202,7 @@ class Operator:
 
     def _speeds(self, u: Array) -> Array:
         """Values of all functions of velocity, (velocity, function)."""
-        velocity = self.mesh.velocity
-        found = np.zeros((len(u), velocity.size))
-        half, _ = velocity.values(np.minimum(np.abs(u), velocity.breaks[-1]))
-        up = u >= 0.0
-        found[np.ix_(up, velocity.plus)] = half[up]
-        found[np.ix_(~up, velocity.minus)] = half[~up]
-        return found
+        return self.mesh.velocity.values(np.clip(u, -self.mesh.reach, self.mesh.reach))
 
     def at(self, x: float, v: float) -> Array:
         """The functions at a point, (n,): times coefficients, the value of a function there."""
@@ -235,10 +220,9 @@ class Operator:
         ends = np.asarray(self.mesh.x_breaks)
         inside = box.xi(x_grid)
         xi, x_weights = gauss_panels(np.union1d(ends, inside[np.abs(inside) < 1.0]), GRID_NODES)
-        reach = np.union1d(-velocity.breaks, velocity.breaks)
         slow = v_grid / box.speed
         u, u_weights = gauss_panels(
-            np.union1d(reach, slow[np.abs(slow) < velocity.breaks[-1]]), GRID_NODES
+            np.union1d(velocity.breaks, slow[np.abs(slow) < self.mesh.reach]), GRID_NODES
         )
         values = density(box.centre + box.half_length * xi[:, None], box.speed * u)
         # the unit of the density is 1 / (m m/s)
@@ -257,22 +241,17 @@ class Operator:
                 for element in self.mesh.displacement
             ]
         )
-        speeds = np.zeros(velocity.size)
-        speeds[velocity.plus] += velocity.half_moments[v_power]
-        speeds[velocity.minus] += (-1.0) ** v_power * velocity.half_moments[v_power]
+        speeds = velocity.functional(velocity.u**v_power)
         unit = box.half_length**x_power * box.speed**v_power
         whole: Array = unit * (profile[..., None] * speeds).ravel() * self.scale
         return whole
 
-    def arrivals(self, side: int, half: Array) -> Array:
+    def arrivals(self, side: int, speeds: Array) -> Array:
         """A functional of the density of speeds that arrive at an end, (n,).
 
-        `half` holds int over u > 0 of u M N_k w for the functions of u >= 0, with w what is
-        counted; the result is per second.
+        `speeds` holds int over side * u > 0 of abs(u) M N_k w, with w what is counted; the result
+        is per second.
         """
-        velocity = self.mesh.velocity
-        speeds = np.zeros(velocity.size)
-        speeds[velocity.plus if side > 0 else velocity.minus] = half
         weight = self._weight(float(side)) / self.box.time
         found: Array = weight * np.outer(self._end(side), speeds).ravel() * self.scale
         return found
@@ -298,8 +277,8 @@ class Operator:
         inside = np.abs(xi) <= 1.0
         q = (coefficients * self.scale).reshape(-1, self.mesh.velocity.size)
         profiles = self._profiles(xi[inside]).reshape(int(inside.sum()), -1)
-        found = np.zeros(len(xi))
-        values = profiles @ (q @ self.mesh.velocity.mass)
+        found, speeds = np.zeros(len(xi)), self.mesh.velocity.moments
+        values = profiles @ (q @ (speeds[1][0] + speeds[-1][0]))
         found[inside] = np.exp(box.log_weight(xi[inside])) * values / box.half_length
         return found
 

@@ -20,7 +20,7 @@ from stochvi.methods.fokker_planck.basis import (
     DisplacementElement,
     ErrorMargins,
     Mesh,
-    VelocityBasis,
+    VelocityCells,
     boxes_of,
     legendre,
 )
@@ -112,7 +112,7 @@ def _density(boxes: Boxes, mesh: Mesh) -> list[Array]:
     return found
 
 
-def _block(boxes: Boxes, element: DisplacementElement, velocity: VelocityBasis) -> Array:
+def _block(boxes: Boxes, element: DisplacementElement, velocity: VelocityCells) -> Array:
     """The equations inside an element, (box, test j, test k, trial j, trial k)."""
     weights = element.weights * np.exp(boxes.log_weight(element.xi))
     push = boxes.force[:, None] + boxes.stiffness[:, None] * element.xi
@@ -129,10 +129,10 @@ def _block(boxes: Boxes, element: DisplacementElement, velocity: VelocityBasis) 
         ],
         axis=-1,
     )
+    known = velocity.matrices
     matrices = np.stack(
-        [velocity.flux_plus + velocity.flux_minus, velocity.drift, velocity.diffusion,
-         velocity.damping]
-    )  # fmt: skip
+        [known["plus"] + known["minus"], known["drift"], known["diffusion"], known["damping"]]
+    )
     block = terms @ matrices.reshape(4, -1)
     shape = (*size, velocity.size, velocity.size)
     return np.ascontiguousarray(block.reshape(shape).transpose(0, 1, 3, 2, 4))
@@ -149,15 +149,14 @@ def _stop(boxes: Boxes, mesh: Mesh, side: int) -> Array:
     inward, outward = velocity.minus, velocity.plus
     if side < 0:
         inward, outward = outward, inward
-    taken, given = velocity.wall(restitution)
     wall = np.zeros((len(restitution), velocity.size, velocity.size))
-    wall[:, outward[:, None], outward] += taken
-    wall[:, inward[:, None], outward] -= given
+    wall += side * velocity.assembled(velocity.flux, side)
+    wall[:, inward[:, None], outward] -= velocity.returned(restitution, side)
     return wall * _weight_at(boxes, float(side))
 
 
 def _with_walls(
-    boxes: Boxes, element: DisplacementElement, velocity: VelocityBasis, left: Array, right: Array
+    boxes: Boxes, element: DisplacementElement, velocity: VelocityCells, left: Array, right: Array
 ) -> Array:
     """The equations of an element with the conditions at both ends, as square matrices."""
     signs = np.outer(element.at_left, element.at_left)[None, :, None, :, None]
@@ -169,24 +168,24 @@ def _with_walls(
 
 
 def _pass(
-    boxes: Boxes, element: DisplacementElement, velocity: VelocityBasis, behind: Array
+    boxes: Boxes, element: DisplacementElement, velocity: VelocityCells, behind: Array
 ) -> tuple[Array, Array]:
     """Eliminate an element: the boundary condition of it and all to its left, and its response.
 
     The response maps the trace of q that comes in through its right end to the coefficients of q.
     """
     weight, incoming = _weight_at(boxes, element.right), velocity.minus
-    whole = _with_walls(boxes, element, velocity, behind, weight * velocity.flux_plus)
+    whole = _with_walls(boxes, element, velocity, behind, weight * velocity.matrices["plus"])
     # what comes in through the open end, in each of the functions that reach it
-    entrance = element.at_right[:, None, None] * velocity.flux_minus[:, incoming]
+    entrance = element.at_right[:, None, None] * velocity.matrices["minus"][:, incoming]
     entrance = entrance.reshape(-1, len(incoming))
     shape = (len(whole), element.size, velocity.size, len(incoming))
     solution = np.asarray(np.linalg.solve(whole, -weight * entrance), dtype=np.float64)
     response = solution.reshape(shape)
     wall = np.zeros_like(behind)
-    wall -= weight * velocity.flux_minus
+    wall -= weight * velocity.matrices["minus"]
     back = np.einsum("j,bjkl->bkl", element.at_right, response)
-    wall[:, :, incoming] -= weight * (velocity.flux_plus @ back)
+    wall[:, :, incoming] -= weight * (velocity.matrices["plus"] @ back)
     return wall, response
 
 
@@ -202,50 +201,52 @@ def _pinned(whole: Array, element: DisplacementElement) -> Array:
 
 def _averages(boxes: Boxes, mesh: Mesh, density: list[Array], threshold: Array) -> BoxMoments:
     velocity = mesh.velocity
+    mass_of, square_of = velocity.moments[1][[0, 2]] + velocity.moments[-1][[0, 2]]
     mass, first, second, square = np.zeros((4, len(threshold)))
     for element, q in zip(mesh.displacement, density, strict=True):
         weights = element.weights * np.exp(boxes.log_weight(element.xi))
         for power, total in enumerate((mass, first, second)):
             profile = (weights * element.xi**power) @ element.values
-            total += np.sum(profile * (q @ velocity.mass), axis=1)
-        square += np.sum((weights @ element.values) * (q @ velocity.square), axis=1)
+            total += np.sum(profile * (q @ mass_of), axis=1)
+        square += np.sum((weights @ element.values) * (q @ square_of), axis=1)
     mean = first / mass
-    right = np.einsum("bjk,j->bk", density[-1], mesh.displacement[-1].at_right)
-    left = np.einsum("bjk,j->bk", density[0], mesh.displacement[0].at_left)
-    right = right[:, velocity.plus] * (_weight_at(boxes, 1.0)[:, 0] / mass[:, None])
-    left = left[:, velocity.minus] * (_weight_at(boxes, -1.0)[:, 0] / mass[:, None])
-    above = velocity.flux_above(threshold)
-    lengths = [element.right - element.left for element in mesh.displacement]
-    slow_left, slow_right = (
-        above - velocity.flux_above(np.maximum(threshold, np.cbrt(boxes.diffusion * length)))
-        for length in (lengths[0], lengths[-1])
-    )
+    arrivals = []
+    for side, end in ((-1, 0), (1, -1)):
+        q, element = density[end], mesh.displacement[end]
+        at = element.at_right if side > 0 else element.at_left
+        trace = np.einsum("bjk,j->bk", q, at) * (_weight_at(boxes, side)[:, 0] / mass[:, None])
+        turning = np.cbrt(boxes.diffusion * (element.right - element.left))
+        above, faster = (
+            np.sum(velocity.above(slowest, 1, side) * trace, axis=1)
+            for slowest in (threshold, np.maximum(threshold, turning))
+        )
+        f1, f2 = velocity.moments[side][2:] @ trace.T
+        arrivals.append((above, f1, f2, np.abs(above - faster)))
     return BoxMoments(
         mean=mean,
         mean_square=second / mass,
         velocity_mean_square=square / mass,
         crossing_rate=_crossing_rate(boxes, mesh, density, np.where(boxes.halved, -1.0, mean))
         / mass,
-        rate_left=np.sum(above * left, axis=1),
-        rate_right=np.sum(above * right, axis=1),
-        speed_rate_left=left @ velocity.half_moments[2],
-        speed_rate_right=right @ velocity.half_moments[2],
-        speed_square_rate_left=left @ velocity.half_moments[3],
-        speed_square_rate_right=right @ velocity.half_moments[3],
-        unresolved_left=np.abs(np.sum(slow_left * left, axis=1)),
-        unresolved_right=np.abs(np.sum(slow_right * right, axis=1)),
+        **{
+            f"{name}_{side}": column
+            for side, columns in zip(("left", "right"), arrivals, strict=True)
+            for name, column in zip(ARRIVALS, columns, strict=True)
+        },
     )
+
+
+ARRIVALS = "rate", "speed_rate", "speed_square_rate", "unresolved"
 
 
 def _crossing_rate(boxes: Boxes, mesh: Mesh, density: list[Array], level: Array) -> Array:
     """Mean of the fluxes up and down through a level in each box, before normalisation."""
-    found = np.zeros(len(level))
+    found, speeds = np.zeros(len(level)), mesh.velocity.moments
     for element, q in zip(mesh.displacement, density, strict=True):
         here = (level >= element.left) & (level < element.right)
         profile, _ = legendre(element.degree, element.local(level))
         trace = np.einsum("bj,bjk->bk", profile, q)
-        both_ways = (trace[:, mesh.velocity.plus] + trace[:, mesh.velocity.minus]) / 2.0
-        found += np.where(here, both_ways @ mesh.velocity.half_moments[1], 0.0)
+        found += np.where(here, trace @ (speeds[1][1] + speeds[-1][1]) / 2.0, 0.0)
     return found * np.exp(boxes.log_weight(level[:, None]))[:, 0]
 
 

@@ -252,12 +252,8 @@ class _Piece:
     def flux_matrix(self, side: int) -> Array:
         """Integrals of g |u| N_k N_l over one side, between strips of the same cells."""
         cells = self.strip.cells
-        whole = np.zeros((cells.size, cells.size))
-        some = slice(cells.zero, None) if side > 0 else slice(cells.zero)
-        places = cells.places[some]
-        np.add.at(whole, (places[:, :, None], places[:, None, :]), side * cells.flux[some])
         rows = cells.plus if side > 0 else cells.minus
-        return whole[np.ix_(rows, rows)]
+        return side * cells.assembled(cells.flux, side)[np.ix_(rows, rows)]
 
     def _entering(self, from_left: Array, from_right: Array) -> tuple[Array, Array]:
         """Right sides of the equations of the breaks (break, Legendre, case), and what enters

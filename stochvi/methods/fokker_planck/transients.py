@@ -858,16 +858,13 @@ FIRST_FLIGHT = 0.1
 def _functionals(operator: Operator, problem: _Problem) -> Array:
     """Mass, mean, mean square, mean velocity and its square, rates, F1, F2: (11, n)."""
     velocity = operator.mesh.velocity
-    threshold = np.array([problem.threshold / operator.box.speed])
+    unit = operator.box.speed
     rows = [operator.moment(i, j) for i, j in ((0, 0), (1, 0), (2, 0), (0, 1), (0, 2))]
-    counted = (
-        (velocity.flux_above(threshold)[0], 1.0),
-        (velocity.half_moments[2], operator.box.speed),
-        (velocity.half_moments[3], operator.box.speed**2),
-    )
-    for half, unit in counted:
+    for power in range(3):
         for side, there in zip((-1, 1), problem.stops, strict=True):
-            rows.append(unit * there * operator.arrivals(side, half))
+            slowest = 0.0 if power else problem.threshold / unit
+            speeds = velocity.above(slowest, power + 1, side)
+            rows.append(unit**power * there * operator.arrivals(side, speeds))
     return np.array(rows)
 
 

@@ -34,7 +34,7 @@ from stochvi.cli import main
 from stochvi.mathematics.numerics import gauss_panels
 from stochvi.mathematics.spectra import step_covariance, transition
 from stochvi.methods.fokker_planck import FirstPassage, Gaussian, Transient, in_time, transients
-from stochvi.methods.fokker_planck.basis import VelocityBasis
+from stochvi.methods.fokker_planck.basis import VelocityCells
 from stochvi.methods.fokker_planck.in_time import InitialState, time_groups
 from stochvi.methods.fokker_planck.transients import Moments, passages_at_most
 from stochvi.model.model import Model, model_of
@@ -981,8 +981,10 @@ def test_units_are_only_units_transients() -> None:
 
 
 def test_a_wrong_restitution_at_the_wall_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = VelocityBasis.wall
-    monkeypatch.setattr(VelocityBasis, "wall", lambda self, r: right(self, r - 0.02))
+    right = VelocityCells.returned
+    monkeypatch.setattr(
+        VelocityCells, "returned", lambda self, r, side: right(self, r - 0.02, side)
+    )
     scene = oscillator(-0.6, 1.1, 0.7, load=-0.2)
     found = transient(scene, [300.0], rtol=2e-3)
     monkeypatch.undo()

@@ -35,7 +35,7 @@ from stochvi.methods.fokker_planck import (
     fokker_planck_many,
     stationary,
 )
-from stochvi.methods.fokker_planck.basis import Mesh, VelocityBasis, boxes_of
+from stochvi.methods.fokker_planck.basis import Mesh, VelocityCells, boxes_of
 from stochvi.methods.fokker_planck.density import Averages, StripDensity
 from stochvi.methods.fokker_planck.motion import Motion, scaled_motion
 from stochvi.methods.fokker_planck.stationary import (
@@ -88,8 +88,10 @@ def test_the_near_exact_table_is_met_within_the_stated_bias(row: RigidStops, rto
 def test_a_wrong_restitution_at_the_wall_is_caught(
     row: RigidStops, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    right = VelocityBasis.wall
-    monkeypatch.setattr(VelocityBasis, "wall", lambda self, r: right(self, r - 0.01))
+    right = VelocityCells.returned
+    monkeypatch.setattr(
+        VelocityCells, "returned", lambda self, r, side: right(self, r - 0.01, side)
+    )
     with pytest.raises(AssertionError, match="differs from"):
         assert_table_row(row, 0.01)
 
@@ -210,24 +212,23 @@ def test_units_change_no_digit() -> None:
 
 @quick_cases("restitution", [0.0, 0.3, 0.85, 1.0], keep=(1, 3))
 def test_wall_integrals_against_adaptive_quadrature(restitution: float) -> None:
-    basis = VelocityBasis((0.0, 0.7, 2.0, 5.0), 3)
-    taken, given = basis.wall(np.array([restitution]))
+    cells = VelocityCells((-5.0, -2.0, -0.7, 0.0, 0.7, 2.0, 5.0), 3)
+    given = {side: cells.returned(np.array([restitution]), side)[0] for side in (-1, 1)}
 
-    def function(k: int, u: float) -> float:
-        return float(basis.values(np.array([u]))[0][0, k])
+    def integral(k: int, trial: int, side: int) -> float:
+        def integrand(w: float) -> float:
+            left, came = cells.values([-side * restitution * w, side * w])
+            return w * math.exp(-w * w / 2.0) * float(left[k] * came[trial])
 
-    def integral(k: int, trial: int, factor: float) -> float:
-        def integrand(u: float) -> float:
-            weight = u * math.exp(-u * u / 2.0)
-            return weight * function(trial, u) * function(k, factor * u)
-
-        kinks = [0.7, 2.0, *(x / factor for x in (0.7, 2.0) if 0.0 < x < 5.0 * factor)]
+        kinks = [0.7, 2.0, *(x / restitution for x in (0.7, 2.0) if x < 5.0 * restitution)]
         return quad(integrand, 0.0, 5.0, points=sorted(set(kinks)), epsabs=1e-12)[0]
 
-    for k in (0, 1, 2, 5):
-        for trial in (0, 1, 4, 8):
-            assert taken[k, trial] == pytest.approx(integral(k, trial, 1.0), abs=1e-10)
-            assert given[0, k, trial] == pytest.approx(integral(k, trial, restitution), abs=1e-10)
+    for side in (-1, 1):
+        arriving, inward = (cells.plus, cells.minus) if side > 0 else (cells.minus, cells.plus)
+        for k in (0, 1, 2, 5):
+            for trial in (0, 1, 4, 8):
+                expected = integral(inward[k], arriving[trial], side)
+                assert given[side][k, trial] == pytest.approx(expected, abs=1e-10)
 
 
 def test_probability_is_conserved_by_the_discrete_equations() -> None:
@@ -245,8 +246,7 @@ def test_probability_is_conserved_by_the_discrete_equations() -> None:
     )[0]
     velocity = mesh.velocity
     one = np.zeros((element.size, velocity.size))
-    corners = range(velocity.elements + 1)
-    one[0, [*velocity.plus[corners], *velocity.minus[corners]]] = 1.0
+    one[0, : velocity.vertices] = 1.0
     # the functions at U and beside 0 are 1 together at every u
     assert np.abs(one.ravel() @ whole).max() < 1e-12 * np.abs(whole).max()
 
