@@ -19,6 +19,7 @@ from stochvi.mathematics.impact_rates import (
     StopStatistics,
     TruncatedNormal,
 )
+from stochvi.mathematics.numerics import newton
 from stochvi.mathematics.spectra import response_moments
 from stochvi.model.build_response import StationaryMoments
 from stochvi.model.gap import Gap, GibbsLaw, OscillatorArrays
@@ -286,6 +287,9 @@ ACCEPTED = 1e-10
 """Largest relative imbalance of a solution. The imbalance of a root is reduced to rounding errors;
 this bound only shows whether there is a root at all."""
 
+POLISHED = 1e-13
+"""Imbalance at which the search for a root ends."""
+
 START_SPEEDS = (1.0, 0.7, 1.4, 0.5, 2.0, 0.25, 4.0)
 """Speeds to start from, relative to the one that balances the power of the elastic law."""
 
@@ -381,34 +385,14 @@ def imbalances(
     )
 
 
-def root(problem: Problem, start: Unknowns, *, patient: bool = True) -> Unknowns | None:
-    """The root near `start`, whose entries are of order 1; None where none is found.
+def root(problem: Problem, start: Unknowns) -> Unknowns | None:
+    """The root near `start`, whose entries are of order 1; None where none is found."""
 
-    If the first method fails, a `patient` search goes on with a second, slower one.
-    """
-    if np.abs(problem(start)).max() < 1e-14:
-        return start
+    def columns(unknowns: Unknowns, _: object) -> Unknowns:
+        return np.array([problem(each) for each in unknowns.T]).T
 
-    # MINPACK takes its difference steps relative to each unknown, which would vanish in noise
-    # at an unknown near 0; every unknown here is of order 1, so the offset costs no digits
-    def shifted(offset: Unknowns) -> Unknowns:
-        return problem(start + (offset - 1.0))
-
-    offset, *_ = scipy.optimize.fsolve(
-        shifted, np.ones(len(start)), xtol=1e-13, maxfev=100, full_output=True
-    )
-    unknowns: Unknowns = start + (offset - 1.0)
-    if np.abs(problem(unknowns)).max() < ACCEPTED:
-        return unknowns
-    if not patient:
-        return None
-    # the hybrid steps of MINPACK stall at a kink and next to an edge of a density
-    with np.errstate(all="ignore"):  # nothing changes around a start that describes no response
-        slow = scipy.optimize.least_squares(
-            shifted, np.ones(len(start)), xtol=1e-14, ftol=None, gtol=None, max_nfev=60
-        )
-    unknowns = start + (slow.x - 1.0)
-    return unknowns if np.abs(problem(unknowns)).max() < ACCEPTED else None
+    unknowns, left = newton(columns, start[:, None], POLISHED)
+    return unknowns[:, 0] if left[0] < ACCEPTED else None
 
 
 # ------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -471,7 +471,7 @@ def solutions(model: Model, deadline: Deadline = NEVER) -> list[_Solution]:
         found: list[_Solution] = []
         for speeds in _starts(modes, scales, free):
             gaps = _gaps(model, scales, speeds)
-            one = _from(modes, gaps, stage, deadline, patient=not found)
+            one = _from(modes, gaps, stage, deadline)
             if one is not None and not any(_same(one, other) for other in found):
                 found.append(one)
             if found and not coloured:
@@ -525,7 +525,7 @@ def _gaps(model: Model, scales: Sequence[PairScale], speeds: Sequence[float]) ->
 
 
 def _from(
-    modes: ModalForm, gaps: Sequence[_PairGap], stage: int, deadline: Deadline, *, patient: bool
+    modes: ModalForm, gaps: Sequence[_PairGap], stage: int, deadline: Deadline
 ) -> _Solution | None:
     """The solution near the elastic laws of the gaps, or None.
 
@@ -542,13 +542,13 @@ def _from(
         return imbalance
 
     start = np.concatenate([gap.form(stage).start(gap.scaled) for gap in gaps])
-    plain = root(problem(False), start, patient=patient)
+    plain = root(problem(False), start)
     if plain is None:
         return None
     found = _solution(gaps, _Trial.of(modes, gaps, stage, plain, scatters=False))
     if not acts(modes):
         return found
-    mixed = root(problem(True), np.concatenate([plain, np.zeros(len(gaps))]), patient=False)
+    mixed = root(problem(True), np.concatenate([plain, np.zeros(len(gaps))]))
     if mixed is None:
         return found
     return _solution(gaps, _Trial.of(modes, gaps, stage, mixed, scatters=True), found)
@@ -688,7 +688,7 @@ def _response(outline: _Outline, one: _Solution, warned: Sequence[str]) -> Respo
         variance = one.law.variances(shape, 0)
         square = one.law.variances(shape, modes.size)
         moments |= {(name, "x"): place, (name, "variance"): variance, (name, "vv"): square}
-        coordinates[name] = _coordinate(outline, place, variance, square, acceleration)
+        coordinates[name] = _coordinate(outline.estimate, place, variance, square, acceleration)
     pairs: dict[str, PairResponse] = {}
     for gap, candidate, row in zip(one.gaps, one.candidates, modes.gaps, strict=True):
         answer, name = answer_of(gap.gap, candidate), gap.pair.name
@@ -768,8 +768,9 @@ def _on_accelerations(model: Model, found: Sequence[float | None]) -> list[str]:
 
 
 def _coordinate(
-    outline: _Outline, mean: float, variance: float, square: float, acceleration: float | None
-) -> CoordinateResponse:
+    estimate: Callable[[float], Estimate], mean: float, variance: float, square: float,
+    acceleration: float | None,
+) -> CoordinateResponse:  # fmt: skip
     values = {
         "displacement_mean": mean,
         "displacement_std": math.sqrt(variance),
@@ -779,7 +780,7 @@ def _coordinate(
     }
     if acceleration is not None:
         values["acceleration_std"] = math.sqrt(acceleration)
-    return CoordinateResponse(**{name: outline.estimate(value) for name, value in values.items()})
+    return CoordinateResponse(**{name: estimate(value) for name, value in values.items()})
 
 
 def _unlike_one_mode(
@@ -1092,29 +1093,19 @@ def _response_with_functions(
     scene: Scene, model: Model, covariance: Matrix, generator: Matrix, rest: Vector, started: float
 ) -> Response:
     modes, n = model.modal, model.modal.size
-
-    def estimate(value: float) -> Estimate:
-        return Estimate(value=value, bias=None, how=HOW)
-
     coordinates = {}
     for name, row in zip(model.outputs, model.output_rows @ modes.shapes, strict=True):
-        mean, variance = float(row @ rest), _spread(row, covariance, 0) ** 2
-        square = _spread(row, covariance, n) ** 2
-        values = {
-            "displacement_mean": mean,
-            "displacement_std": math.sqrt(variance),
-            "displacement_mean_square": mean**2 + variance,
-            "velocity_std": math.sqrt(square),
-            "velocity_mean_square": square,
-        }
+        acceleration = None
         if model.base_alone_moves:
             # what springs, dampers and memories pull, without the signals that shake the base
             pull = row @ generator[n : 2 * n]
             pull[2 * n : 2 * n + len(modes.signals)] = 0.0
-            values["acceleration_std"] = math.sqrt(float(pull @ covariance @ pull))
-        coordinates[name] = CoordinateResponse(
-            **{key: estimate(value) for key, value in values.items()}
-        )
+            acceleration = float(pull @ covariance @ pull)
+        coordinates[name] = _coordinate(
+            lambda value: Estimate(value=value, bias=None, how=HOW),
+            float(row @ rest), _spread(row, covariance, 0) ** 2, _spread(row, covariance, n) ** 2,
+            acceleration,
+        )  # fmt: skip
     return build_response(
         scene, METHOD, coordinates=coordinates, impact_pairs={},
         assumptions=[FUNCTION_ASSUMPTION, WEN], cost=Cost(wall_time=time.perf_counter() - started),
