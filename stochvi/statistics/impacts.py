@@ -1075,7 +1075,8 @@ def _pair(
     of_loss = _relative_bias(of_losses[0], tally.energies, bias[0], tally.numbers, plan)
     gap = linear_gap(plan.source.model, pair)
     square = ratio_and_error(tally.squares.sum(axis=1), numbers) if hits else None
-    loss = ratio_and_error(tally.energies.sum(axis=1), numbers) if hits else None
+    whole = hits and not _rubs(pair)
+    loss = ratio_and_error(tally.energies.sum(axis=1), numbers) if whole else None
     mass = pair.mass if scene.expanded.structure.knows_mass else 1.0
     blow = None if square is None else (mass / 2.0 * square[0], mass / 2.0 * square[1])
     return PairStatistics(
@@ -1231,9 +1232,18 @@ def _missed(model: Model, pairs: dict[str, PairStatistics], resolved: bool) -> l
     ]
 
 
+def _rubs(pair: Pair) -> bool:
+    """Whether a stop rubs: friction then takes energy as well, which tallies of impacts leave out."""
+    return any(stop.law.friction_coefficient for stop in pair.stops)
+
+
 def _warnings(plan: ImpactPlan, model: Model) -> list[str]:
     found = []
     for pair in model.pairs:
+        if _rubs(pair):
+            found.append(
+                f"{pair.name}: energy lost per impact is left out, as friction takes a part of it"
+            )
         threshold = plan.thresholds[pair.name]
         if threshold > 0.0:
             found.append(f"{pair.name}: only impacts faster than {threshold:.3g} m/s count")

@@ -308,6 +308,26 @@ def test_energy_lost_by_other_laws() -> None:
     np.testing.assert_allclose(log.lost, 0.5 * (1.0 - kept**2) * log.speed**2, atol=1e-12)
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_energy_of_stops_that_rub_is_left_out(friction: float) -> None:
+    """Friction took a third of the energy beside that: a balance of powers has .75 W for .48 W."""
+    rubs = {"tangent": "b"} if friction else {}
+    law = Restitution(coefficient=0.6, **({"friction": friction} if friction else {}))
+    structure = Matrices(
+        coordinates=["a", "b"], mass=[[2.0, 0.2], [0.2, 1.0]], damping=[[2.0, -0.6], [-0.6, 0.8]],
+        stiffness=[[900.0, -300.0], [-300.0, 500.0]],
+    )  # fmt: skip
+    scene = Scene(
+        structure=structure,
+        impact_pairs=[ImpactPair(name="p", on="a", lower=-0.03, upper=0.03, law=law, **rubs)],
+        excitations=[WhiteNoise(intensity=3.0, on="a")],
+    )
+    found = impacts(scene, paths=64, duration=5.0, threads=1)
+    assert (found.pairs["p"].energy is None) == bool(friction)
+    assert found.pairs["p"].striking_energy is not None
+    assert any("friction takes a part" in each for each in found.warnings) == bool(friction)
+
+
 BOTH = PowerLaw(coefficient=5.0, exponent=1.5, loss=3.0, loss_exponent=1.0)
 
 
