@@ -1233,7 +1233,7 @@ def _missed(model: Model, pairs: dict[str, PairStatistics], resolved: bool) -> l
 
 
 def _rubs(pair: Pair) -> bool:
-    """Whether a stop rubs: friction then takes energy as well, which tallies of impacts leave out."""
+    """Whether a stop rubs: friction takes energy as well, which tallies of impacts leave out."""
     return any(stop.law.friction_coefficient for stop in pair.stops)
 
 

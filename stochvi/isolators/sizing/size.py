@@ -728,9 +728,11 @@ LONGEST_STEP = 3.0
 
 
 class _Trial(NamedTuple):
-    """Damage at a clearance, of several pairs that of the widest gap: the logarithm of what stops
-    add over what they may, half its 95 % interval, whether it is as accurate as asked for, and
-    whether it is known: a few fast impacts bring nearly all of the damage."""
+    """Damage at a clearance, of several pairs that of the widest gap.
+
+    `excess` is the logarithm of what stops add over what they may, `half` half its 95 % interval.
+    It is `reached` where it is as accurate as asked for. It is `known` also where it is not, if its
+    impacts were seen often enough: a few fast ones bring nearly all of the damage."""
 
     clearance: float
     found: Damage
