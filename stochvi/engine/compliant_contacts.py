@@ -716,7 +716,8 @@ class Workspace(NamedTuple):
     numbers : gaps, then `change`, then padding, in one row.
     gaps : (6, pairs), value, slope and curvature of every gap at the start and the end of what is
         left of the step, without the stops; a view of `numbers`.
-    change : (states,), what the stops add to displacements and velocities at the end of the step;
+    change : (states,), what the stops add to displacements, velocities and branches at the end of
+        the step;
         a view of `numbers`.
     now, later : (MOMENTS,) and (terms,), moments of a push, those later padded.
     impulse : (1,), the moment of an impact.
@@ -887,11 +888,13 @@ def put_on_stop(pair, stop, side, gaps, change, responses):
     if beyond < 0.0:
         return 0.0
     taken = max(side * gaps[V1, pair], 0.0) - series[pair, pair, 2, 0] * beyond
-    modes = states.shape[1] // 2
+    modes = responses.modes
     for k in range(modes):
         share, damped = states[pair, modes + k, 0] * side, states[pair, modes + k, 1] * side
         change[k] -= beyond * share
         change[modes + k] -= taken * share + beyond * damped
+    for k in range(2 * modes, states.shape[1]):  # branches, which a short way only stretches
+        change[k] -= beyond * states[pair, k, 1] * side
     for other in range(gaps.shape[1]):
         share, damped = series[pair, other, 1, 0] * side, series[pair, other, 2, 0] * side
         gaps[Y1, other] -= beyond * share

@@ -241,7 +241,9 @@ class Responses(NamedTuple):
 
     Parameters
     ----------
-    states : (pairs, states, terms), Taylor series in time of all displacements and velocities.
+    states : (pairs, states, terms), Taylor series in time of all displacements, velocities, and
+        forces of branches.
+    modes : number of displacements.
     gaps : (pairs, pairs, 3, terms), Taylor series of value, slope and curvature of every gap.
     accelerations : (pairs, outputs, terms), those that are followed: a series of a unit impulse's
         own acceleration, whose first term belongs to the force, the term k + 1 to the moment k.
@@ -250,6 +252,7 @@ class Responses(NamedTuple):
     """
 
     states: NDArray[np.float64]
+    modes: int
     gaps: NDArray[np.float64]
     accelerations: NDArray[np.float64]
     starts: NDArray[np.float64]
@@ -257,8 +260,9 @@ class Responses(NamedTuple):
 
 
 def responses_of(
-    states: NDArray[np.float64], gaps: NDArray[np.float64], accelerations: NDArray[np.float64]
-) -> Responses:
+    states: NDArray[np.float64], modes: int, gaps: NDArray[np.float64],
+    accelerations: NDArray[np.float64],
+) -> Responses:  # fmt: skip
     """`Responses` from the series of states, gaps and accelerations."""
     pairs, _, terms = states.shape
     of_gaps = gaps.transpose(0, 3, 2, 1).reshape(pairs, terms, 3 * pairs)
@@ -268,7 +272,8 @@ def responses_of(
     ends[:, :terms, 3 * pairs : 3 * pairs + states.shape[1]] = states.transpose(0, 2, 1)
     # C order for one pair and for several: each order of arrays has a compiled kernel
     return Responses(
-        *(np.ascontiguousarray(each) for each in (states, gaps, accelerations)),
+        np.ascontiguousarray(states), modes,
+        *(np.ascontiguousarray(each) for each in (gaps, accelerations)),
         np.ascontiguousarray(of_gaps[:, :MOMENTS]), ends,
     )  # fmt: skip
 
@@ -495,7 +500,7 @@ def rub_at_rest(tangents, pair, upper, taken, stops, gaps, change, responses, ta
         return
     u, ratio = gaps[V1, tangent], stops.ratios[pair]
     added = held_back(u, taken, stops.frictions[pair, upper] * ratio)
-    modes = responses.states.shape[1] // 2
+    modes = responses.modes
     for k in range(modes):
         change[modes + k] += added * responses.states[tangent, modes + k, 0]
     for other in range(gaps.shape[1]):

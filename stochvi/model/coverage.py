@@ -112,7 +112,7 @@ def relaxing(model: Model) -> list[str]:
     ]
 
 
-FOLLOWING_RELAXATION = "screen, size, and exact without stops"
+FOLLOWING_RELAXATION = "simulate, history, spectrum, impacts, replay, screen and size"
 """Commands that follow springs that relax."""
 
 

@@ -368,8 +368,9 @@ class Model:
         functions of the displacement alone or the velocity alone. They include the linear parts.
     functions
         Springs and dampers that are functions; `stiffness` and `damping` leave them out.
-    branches
-        Branches of springs that relax; `stiffness` holds the rest of these springs.
+    branches, rms_bias
+        Branches of springs that relax; `stiffness` holds the rest of these springs. And the
+        relative bias that they leave in rms motions: by their fit, or as dampers.
     sampled_modulations
         Densities of the relative changes that are tabulated noise, 1/Hz.
     level
@@ -412,6 +413,7 @@ class Model:
     drag: PerUnitMass | None = None
     functions: tuple[FunctionOfMotion, ...] = ()
     branches: tuple[Branch, ...] = ()
+    rms_bias: float = 0.0
     sampled_modulations: tuple[Table, ...] = ()
     level: RandomLevel | None = None
     drawn: tuple[tuple[Pulses | FastPeaks, Vector], ...] = ()
@@ -858,6 +860,36 @@ def _with_branches(model: Model, placed: Sequence[Placed]) -> Model:
     if model.rates is not None and not branches:
         rates = (math.sqrt(stiffness[0, 0] / model.unit_mass), model.rates[1])
     return replace(model, stiffness=stiffness, branches=tuple(branches), rates=rates)
+
+
+SLOW, LIGHT = 1e-2, 1e-4
+"""A branch is taken as a damper in steps: its time is at most SLOW of a radian of the fastest mode,
+and all such branches together, k tau^2, are at most LIGHT of the mass that they move."""
+
+
+def with_dampers(model: Model) -> Model:
+    """A model with dampers k tau in the place of its fastest branches, which would ask for short
+    steps: i w k tau / (1 + i w tau) is that of the damper and of a mass -k tau^2, up to (w tau)^2.
+    """
+    kept, damping, left = list[Branch](), model.damping.copy(), LIGHT
+    fastest = math.sqrt(float(np.max(model.modal.squares)))
+    longest = SLOW / fastest if fastest > 0.0 else 0.0
+    for each in sorted(model.branches, key=lambda branch: branch.time):
+        row = each.direction
+        share = each.stiffness * each.time**2 * float(row @ np.linalg.solve(model.mass, row))
+        if each.time <= longest and share <= left:
+            damping += each.stiffness * each.time * np.outer(row, row)
+            left -= share
+        else:
+            kept.append(each)
+    if len(kept) == len(model.branches):
+        return model
+    bias = model.rms_bias + (LIGHT - left) + SLOW**2
+    rates = None
+    if len(model.coordinates) == 1 and not kept:
+        square = float(model.stiffness[0, 0]) / model.unit_mass
+        rates = math.sqrt(square), float(damping[0, 0]) / model.unit_mass
+    return replace(model, damping=damping, branches=tuple(kept), rms_bias=bias, rates=rates)
 
 
 def _with_functions(model: Model, placed: Sequence[Placed]) -> Model:

@@ -197,7 +197,7 @@ def _at_rest(pair: Pair, method: str) -> NotApplicable:
 
 
 def _first_guess(modes: ModalForm, pair: Pair) -> EquivalentLinear:
-    frequency = modes.fastest
+    frequency = modes.frequency
     stops = [stop.position for stop in pair.stops]
     if frequency == 0.0 and modes.tables:
         # the middle of the excited band
@@ -458,7 +458,7 @@ def with_affine(model: Model, forms: Sequence[LinearForm]) -> Model:
         affine = (form.stiffness / part.mass, form.damping / part.mass, form.force / part.mass)
         functions.append(replace(part, affine=affine))
     rates = None
-    if len(stiffness) == 1:
+    if len(stiffness) == 1 and not model.branches:
         mass = float(model.mass[0, 0])
         rates = math.sqrt(max(stiffness[0, 0], 0.0) / mass), float(damping[0, 0]) / mass
     return replace(

@@ -605,7 +605,7 @@ def linear_gap(model: Model, pair: Pair) -> LinearGap | None:
         gap, n = modes.gaps[0], modes.size
         x, v = (math.sqrt(law.variances(gap, first)) for first in (0, n))
         mean = float(gap @ (modes.rest + law.mean))
-        single = len(model.coordinates) == 1 and not model.signals
+        single = model.rates is not None and not model.signals
         return LinearGap(mean, x, v, _white_bandwidth(model) if single else None)
     if model.signals or beyond_one_oscillator(model):
         return None

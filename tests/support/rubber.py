@@ -92,3 +92,117 @@ def random_rubber(seed: int, most: int = 4) -> tuple[Rubber, dict[str, Any]]:
     }  # fmt: skip
     own_matrices = np.array(rows), np.array(strengths), np.array(times)
     return Rubber(mass, damping, static, *own_matrices, noise), keys
+
+
+class OwnStop(NamedTuple):
+    """A stop at row . x = place, on the side 1 or -1: rigid of a restitution, or k y + c y'."""
+
+    row: Array
+    side: float
+    place: float
+    restitution: float
+    stiffness: float = 0.0
+    damping: float = 0.0
+
+
+class OwnPath:
+    """The motion from rest under forces that are linear between samples, by Runge and Kutta's steps
+    that end at every event: an impact, a touch, the end of a contact."""
+
+    def __init__(self, rubber: Rubber, stops: list[OwnStop]) -> None:
+        self.a, _ = rubber.states()
+        self.n, self.inverse = len(rubber.mass), np.linalg.inv(rubber.mass)
+        self.rubber = rubber
+        self.stops = stops
+        self.touching = [False] * len(stops)
+        self.impacts: list[tuple[float, int, float]] = []
+
+    def afresh(self) -> OwnPath:
+        """The same structure before the first impact."""
+        again = OwnPath(self.rubber, self.stops)
+        again.a = self.a
+        return again
+
+    def stop_relaxing(self) -> None:
+        """Keep the branches from relaxing."""
+        self.a = self.a.copy()
+        self.a[2 * self.n :, 2 * self.n :] = 0.0
+
+    def _of_stop(self, k: int, s: Array) -> tuple[float, float]:
+        stop, n = self.stops[k], self.n
+        y = stop.side * (stop.row @ s[:n] - stop.place)
+        rate = stop.side * (stop.row @ s[n : 2 * n])
+        return float(y), float(rate)
+
+    def _event(self, k: int, s: Array) -> float:
+        """Below 0 as things are, above where they change."""
+        y, rate = self._of_stop(k, s)
+        stop = self.stops[k]
+        force = stop.stiffness * y + stop.damping * rate
+        if self.touching[k]:
+            return -force
+        return min(y, force) if stop.stiffness else y  # a mass may turn before it has left
+
+    def _rates(self, s: Array, force: Array) -> Array:
+        n = self.n
+        for k, stop in enumerate(self.stops):
+            if self.touching[k]:
+                y, rate = self._of_stop(k, s)
+                force = force - stop.side * stop.row * (stop.stiffness * y + stop.damping * rate)
+        found = self.a @ s
+        found[n : 2 * n] += self.inverse @ force
+        return found
+
+    def _step(self, s: Array, h: float, force: Array, slope: Array) -> Array:
+        one = self._rates(s, force)
+        two = self._rates(s + 0.5 * h * one, force + 0.5 * h * slope)
+        three = self._rates(s + 0.5 * h * two, force + 0.5 * h * slope)
+        four = self._rates(s + h * three, force + h * slope)
+        return s + h / 6.0 * (one + 2.0 * (two + three) + four)
+
+    def _on(self, s: Array, t: float, h: float, force: Array, slope: Array) -> Array:
+        while h > 0.0:
+            end = self._step(s, h, force, slope)
+            first, which = h, -1
+            for k in range(len(self.stops)):
+                if self._event(k, end) <= 0.0 or self._event(k, s) > 0.0:
+                    continue
+                low, high = 0.0, first
+                for _ in range(60):
+                    middle = 0.5 * (low + high)
+                    beyond = self._event(k, self._step(s, middle, force, slope)) > 0.0
+                    low, high = (low, middle) if beyond else (middle, high)
+                if high < first:
+                    first, which = high, k
+            if which < 0:
+                return end
+            s = self._step(s, first, force, slope)
+            force, t, h = force + first * slope, t + first, h - first
+            s = self._change(which, s, t)
+        return s
+
+    def _change(self, k: int, s: Array, t: float) -> Array:
+        stop, n = self.stops[k], self.n
+        _, rate = self._of_stop(k, s)
+        if not self.touching[k]:
+            self.impacts.append((t, k, rate))
+        if stop.stiffness:
+            self.touching[k] = not self.touching[k]
+            return s
+        kick = self.inverse @ stop.row
+        s = s.copy()
+        s[n : 2 * n] -= stop.side * (1.0 + stop.restitution) * rate * kick / (stop.row @ kick)
+        s[:n] -= stop.side * max(self._of_stop(k, s)[0], 0.0) * kick / (stop.row @ kick)
+        return s
+
+    def follow(self, forces: Array, step: float, parts: int) -> Array:
+        """Displacements (samples, n) at the samples of forces (samples, n)."""
+        s, h = np.zeros(len(self.a)), step / parts
+        found = [s[: self.n]]
+        for number in range(len(forces) - 1):
+            slope = (forces[number + 1] - forces[number]) / step
+            for part in range(parts):
+                force = forces[number] + part * h * slope
+                s = self._on(s, number * step + part * h, h, force, slope)
+            found.append(s[: self.n])
+        return np.array(found)

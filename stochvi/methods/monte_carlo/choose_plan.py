@@ -68,12 +68,13 @@ from stochvi.model.coverage import (
     free_motion,
     functions_of_arrays,
     not_compiled,
+    relaxing,
     unstable,
     without_energy,
     without_noise,
 )
 from stochvi.model.modal import ModalForm
-from stochvi.model.model import UPPER, Model, Pair, model_of
+from stochvi.model.model import UPPER, Model, Pair, model_of, with_dampers
 from stochvi.model.scales import default_thresholds, with_linear_part
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
@@ -380,7 +381,9 @@ def check_price(
 
 def unmet(model: Model) -> list[str]:
     """The conditions of `simulate` that a model does not meet, as far as the model alone shows."""
-    found = [*functions_of_arrays(model), *not_compiled(model)]
+    found = [*functions_of_arrays(model, with_branches=True), *not_compiled(model)]
+    if model.branches and model.modulations:
+        found += relaxing(model)
     return [*found, *without_noise(model, with_sines=True), *unstable(model)]
 
 
@@ -430,8 +433,8 @@ def make_plan(
             f"about {seconds:.2g} s, of which {deadline.left:.2g} s are left; raise budget, or "
             "give tables of fewer lines"
         )
-    another = model.tables or model.drawn or _one_mass_falls(model) or without_energy(model)
-    if another or beyond_one_oscillator(model):
+    another = model.tables or model.drawn or model.branches or _one_mass_falls(model)
+    if another or without_energy(model) or beyond_one_oscillator(model):
         return plan_several(model, speed_threshold, duration, slow_impacts)
     if model.rigid:
         return plan_white(model, speed_threshold, duration, slow_impacts, corner_share)
@@ -448,6 +451,7 @@ def plan_several(
 ) -> ModalPlan:
     """The plan in modal coordinates, without tables or contacts where the model has none."""
     threshold: float | Mapping[str, float] | None = speed_threshold
+    model = with_dampers(model)
     if model.functions:
         linear = with_linear_part(model)
         threshold = default_thresholds(model, linear) if threshold is None else threshold
@@ -550,7 +554,7 @@ def histories_of(plan: Plan) -> HistoryPlan:
     speed = max(plan.speeds, default=0.0)
     gaps = [pair.play for pair in model.pairs if pair.play is not None]
     frequencies = [model.modal.fastest, *(math.pi * speed / gap for gap in gaps)]
-    if len(model.coordinates) == 1 and model.omega == 0.0 and speed > 0.0:
+    if model.rates is not None and model.omega == 0.0 and speed > 0.0:
         frequencies.append(math.pi * abs(model.load) / speed)  # back after 2 speed / load
     return HistoryPlan(
         plan=plan,
@@ -957,5 +961,5 @@ def with_tables(model: Model) -> Model:
 def shaken_by_tables(model: Model) -> Model:
     """The model `with_tables`; one mass stands on a base that they shake, so that its absolute
     acceleration is known: what spring, damper and stops give it."""
-    tables, one = with_tables(model), len(model.coordinates) == 1
+    tables, one = with_tables(with_dampers(model)), len(model.coordinates) == 1
     return tables.shaken_by_base() if one and not tables.base_alone_moves else tables

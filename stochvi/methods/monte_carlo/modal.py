@@ -470,7 +470,7 @@ class ModalPlan(SteppedPlan):
         if not self.model.base_alone_moves:
             return None
         decay, _ = self._half_kick
-        return np.hstack([np.diag(self.modes.squares), self.modes.damping @ decay])
+        return self.modes.pulls(self.modes.damping @ decay)
 
     def paths_of(self, state: Matrix, streams: NDArray[np.uint64], sums: Matrix) -> ModalPaths:
         """Paths in a state in which no contact lasts, for the kernel."""
@@ -620,7 +620,7 @@ class ModalPlan(SteppedPlan):
         time = self.step * (before + 1 + np.arange(samples))
         force = np.zeros((self.modes.size, samples))
         for (first, omega, _), signal in zip(self.modes.sines, self.model.sines, strict=True):
-            value, rate = state[2 * self.modes.size + first :][:2, 0]
+            value, rate = state[self.modes.moving + first :][:2, 0]
             wave = (value - 1j * rate) / (1j * omega) ** integrals * np.exp(1j * omega * time)
             force += signal.direction[:, None] * wave.real
         return force
@@ -737,7 +737,7 @@ class ModalPlan(SteppedPlan):
             speeds=_table(speed),
             bends=_table(curvature),
             kicks=_table(speed_drawn if modes.kicked else speed_drawn[:0]),
-            pulls=_table(np.zeros((0, 2 * n)) if self._pulls is None else self._pulls),
+            pulls=_table(np.zeros((0, modes.moving)) if self._pulls is None else self._pulls),
         )
         return ModalSteps(
             step=h,
@@ -813,7 +813,7 @@ class ModalPlan(SteppedPlan):
         free, memories = len(flow), []
         sampled = [-1 if part.sample is None else part.sample for part in parts]
         for part in parts:
-            followed = None if part.signal is None else 2 * n + 2 * part.signal
+            followed = None if part.signal is None else modes.moving + 2 * part.signal
             own = free if part.law.remembers else -1
             memories.append(own if followed is None else followed)
             free += followed is None and part.law.remembers
@@ -907,12 +907,12 @@ class ModalPlan(SteppedPlan):
     def _gaps(self) -> Matrix:
         """Rows (pairs, states) of the gaps, as a stop that moves sees them."""
         n, modes = self.modes.size, self.modes
-        found = np.zeros((len(self._ways), 2 * n + len(modes.signals)))
+        found = np.zeros((len(self._ways), modes.moving + len(modes.signals)))
         found[:, :n] = self._ways
         for row, pair in zip(found, self.model.pairs, strict=False):
             for each in pair.moved:
                 if each.signal is not None:
-                    row[2 * n + 2 * each.signal] -= each.way
+                    row[modes.moving + 2 * each.signal] -= each.way
         return found
 
     def _responses(self, flow: Matrix, speed: Matrix, curvature: Matrix) -> Responses:
@@ -936,12 +936,12 @@ class ModalPlan(SteppedPlan):
             outputs = self.model.output_rows @ self.modes.shapes
         speeds = np.einsum("on,pnk->pok", outputs, series[:, n : 2 * n])
         accelerations = speeds * np.maximum(np.arange(len(terms)), 1)
-        return responses_of(series[:, : 2 * n], gaps, accelerations)
+        return responses_of(series[:, : self.modes.moving], n, gaps, accelerations)
 
     @cached_property
     def _size_of_flow(self) -> float:
-        """Norm of the generator of displacements and velocities, 1/s."""
-        motion = slice(0, 2 * self.modes.size)
+        """Norm of the generator of displacements, velocities and branches, 1/s."""
+        motion = slice(0, self.modes.moving)
         return float(np.linalg.norm(self.modes.flow[motion, motion] * self._balance, 2))
 
     @property
@@ -950,6 +950,8 @@ class ModalPlan(SteppedPlan):
         generator are in 1/s."""
         n, omega = self.modes.size, max(self.modes.fastest, 1.0 / self.burn_in)
         size = np.concatenate([np.full(n, omega), np.ones(n)])
+        if self.modes.branches is not None:  # an energy, as of the modes
+            size = np.concatenate([size, 1.0 / np.sqrt(self.modes.branches.stiffness)])
         balance: Matrix = size[:, None] / size
         return balance
 

@@ -240,6 +240,11 @@ class ModalTablesPlan(ModalContactsPlan):
         """Name of the scheme, for the assumptions of a response."""
         return "response-domain synthesis in modal coordinates"
 
+    @cached_property
+    def _pulls(self) -> Matrix | None:
+        """See `ModalPlan`; None with branches, whose forces are not synthesised."""
+        return None if self.modes.branches is not None else super()._pulls
+
     @property
     def block(self) -> int:
         """Number of paths that are synthesised together: a power of two, as many as fill the lanes
@@ -554,6 +559,9 @@ class ModalTablesPlan(ModalContactsPlan):
             forces[:, 0] = modes.squares * bins[:, 0]
         forces[:, 1:] = (modes.squares - w**2) * bins[:, 1:]
         forces[:, 1:] += 1j * w * np.einsum("pbm,km->pbk", bins[:, 1:], modes.damping)
+        if modes.branches is not None:
+            rows, rates = modes.branches.rows, modes.branches.forces(w[:, 0].astype(float))
+            forces[:, 1:] += 1j * w * (((bins[:, 1:] @ rows.T) * rates) @ rows)
         forces[:, 1:] /= (1j * w) ** integrals
         return np.asarray(scipy.fft.irfft(forces, self.samples, axis=1))
 
@@ -565,11 +573,11 @@ class ModalTablesPlan(ModalContactsPlan):
 
     @property
     def _own_covariance(self) -> Matrix:
-        """Covariance of the signals' own states; that of displacements and velocities is zero."""
-        n = self.modes.size
+        """Covariance of the signals' own states; that of all others is zero."""
+        first = self.modes.moving
         inner = self.law.covariance.copy()
-        inner[: 2 * n, : 2 * n] = 0.0
-        inner[: 2 * n, 2 * n :] = inner[2 * n :, : 2 * n] = 0.0
+        inner[:first, :first] = 0.0
+        inner[:first, first:] = inner[first:, :first] = 0.0
         return inner
 
     @cached_property

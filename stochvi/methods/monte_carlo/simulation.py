@@ -22,6 +22,7 @@ from stochvi.methods.monte_carlo.choose_plan import (
     plan_several,
     seconds_of_first_paths,
 )
+from stochvi.methods.monte_carlo.modal import ModalPlan
 from stochvi.methods.monte_carlo.plan import (
     EVENTS,
     FEW_SLOW,
@@ -251,12 +252,14 @@ class Simulation:
         if self.plan.elastic:
             contacts = self.plan.relative_bias * abs(value)
             return Estimate(value=value, standard_error=error, bias=contacts, how=how)
+        known = self._bias_of_model(name) * abs(value)
         change, change_error = difference()
         if math.isnan(change):  # no impact at twice the step, as may be if there are few at all
             return Estimate(
                 value=value, standard_error=error, how=f"{how}; bias of the step unknown", bias=None
             )
         bias = self.plan.step_bias(name, abs(change))
+        bias = None if bias is None else bias + known
         source = (
             "bias of the step unknown"
             if bias is None
@@ -269,6 +272,21 @@ class Simulation:
             how=f"{how}; {source}",
             bias_error=self.plan.step_bias(name, change_error) or 0.0,
         )
+
+    def _bias_of_model(self, name: str) -> float:
+        """Relative bias that springs that relax leave in a quantity: twice that of rms motions, and
+        in impacts as the rate of crossings grows with them."""
+        if not self.model.rms_bias:
+            return 0.0
+        assert isinstance(self.plan, ModalPlan)
+        grown = 2.0
+        if name in EVENTS or name in RATES or name.startswith("impact_speed"):
+            grown += max(
+                (stop.distance / scale.deviation) ** 2
+                for pair, scale in zip(self.model.pairs, self.plan.pairs, strict=True)
+                for stop in pair.stops
+            )
+        return grown * self.model.rms_bias
 
     @property
     def _paths(self) -> str:

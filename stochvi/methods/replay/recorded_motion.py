@@ -594,7 +594,8 @@ def replay(
 
 
 def in_steps(model: Model) -> bool:
-    """Whether a model is followed in steps: it has functions besides its drives, or friction."""
+    """Whether a model is followed in steps: it has functions besides its drives, springs that
+    relax, or friction."""
     return bool(nonlinear(_without_drives(model))) or bool(rubbing(model))
 
 
@@ -633,7 +634,8 @@ def _compiled(way: Way, shaking: SampledExcitation) -> float:
 def unmet(scene: Scene, model: Model) -> list[str]:
     """The conditions of a replay that a scene does not meet."""
     drives = [part.drawn for part in model.drives]
-    found = [*functions_of_arrays(model), *moving_stops(model), *not_compiled(model)]
+    functions = functions_of_arrays(model, with_branches=True)
+    found = [*functions, *moving_stops(model), *not_compiled(model)]
     records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]
     if not records:
         found.append('excitation must hold a measured record (kind = "record"), got none')

@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 
 from stochvi.engine.arithmetic import Log
 from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.mathematics.spectra import damping_at, transition
 from stochvi.methods.monte_carlo.choose_plan import ImpactLog, logged_impacts
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, rate_of_contact
 from stochvi.methods.monte_carlo.white import meeting_stops
 from stochvi.methods.replay.kernel import PEAK, SPEED, STOP, TIME
-from stochvi.methods.replay.march import Motion, SampledExcitation, integrate
+from stochvi.methods.replay.march import STEPS_AT_ONCE, Motion, SampledExcitation, integrate
 from stochvi.model.modal import LinearLaw
-from stochvi.model.model import Model, Pair, Stop
+from stochvi.model.model import Model, Pair, Stop, with_dampers
 from stochvi.model.scales import PairScale, fastest_rate, is_positive, motions_of, with_linear_part
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import MOST_RECORDED, NotConverged
@@ -70,7 +71,7 @@ class SteppedReplay:
     ) -> None:
         self.deadline = deadline
         rest = tuple(part for part in model.functions if part.drawn is None)
-        model = replace(model, functions=rest)
+        model = with_dampers(replace(model, functions=rest))
 
         def law_of(linear: Model) -> LinearLaw:
             return _law_of_record(linear, shaking)
@@ -150,11 +151,41 @@ def _free_motion(
     model: Model, shaking: SampledExcitation, scale: float, deadline: Deadline
 ) -> NDArray[np.float64]:
     """Modal displacements, and velocities over `scale`, of the linear structure without stops and
-    loads (samples, modes, 2)."""
+    loads (samples, modes, 2).
+
+    The exact motion under forces that are linear between samples; with branches by the exponential
+    of their states, s' = A s + B f, f' = g.
+    """
+    if model.branches:
+        return _free_motion_of_branches(model, shaking, scale, deadline)
     free = replace(model, pairs=(), functions=(), constants=(), points={})
     moved = integrate(free, shaking, np.zeros(len(free.coordinates)), deadline=deadline)
     to_modes = model.mass @ model.modal.shapes
     return np.stack([moved.displacement @ to_modes, moved.velocity @ to_modes / scale], axis=2)
+
+
+def _free_motion_of_branches(
+    model: Model, shaking: SampledExcitation, scale: float, deadline: Deadline
+) -> NDArray[np.float64]:
+    modes, forces, h = model.modal, shaking.forces @ model.modal.shapes, shaking.step
+    n, states = modes.size, modes.moving
+    driven = np.zeros((states + 2 * n,) * 2)
+    driven[:states, :states] = modes.generator(modes.damping, np.diag(modes.squares))[
+        :states, :states
+    ]
+    driven[n : 2 * n, states : states + n] = driven[states : states + n, states + n :] = np.eye(n)
+    step = transition(driven, h)[:states]
+    slopes = np.diff(forces, axis=0) / h
+    pushes = np.hstack([forces[:-1], slopes]) @ step[:, states:].T
+    moved, state = np.zeros((len(forces), 2 * n)), np.zeros(states)
+    for number, push in enumerate(pushes, 1):
+        if number % STEPS_AT_ONCE == 0 and deadline.passed():
+            raise deadline.fell_short(
+                f"at {h * number:.3g} s of a record of {h * len(pushes):.3g} s", "raise budget"
+            )
+        state = step[:, :states] @ state + push
+        moved[number] = state[: 2 * n]
+    return np.stack([moved[:, :n], moved[:, n:] / scale], axis=2)
 
 
 def _with_linear_part(model: Model, law_of: Callable[[Model], LinearLaw]) -> Model:
@@ -173,7 +204,8 @@ def _law_of_record(model: Model, shaking: SampledExcitation) -> LinearLaw:
     n, samples = modes.size, len(forces)
     bins = scipy.fft.rfft(forces @ modes.shapes, axis=0)[1:] / samples
     w = 2.0 * math.pi * scipy.fft.rfftfreq(samples, shaking.step)[1:, None, None]
-    stiffness = np.diag(modes.squares) - w**2 * np.eye(n) + 1j * w * modes.damping
+    damping = damping_at(modes.dynamic, w[:, 0, 0].astype(float))
+    stiffness = np.diag(modes.squares) - w**2 * np.eye(n) + 1j * w * damping
     q = np.linalg.solve(stiffness, bins[:, :, None])[:, :, 0]
     width = 1.0
     for pair, gap in zip(model.pairs, modes.gaps, strict=True):
@@ -181,12 +213,16 @@ def _law_of_record(model: Model, shaking: SampledExcitation) -> LinearLaw:
         if pair.play is not None and deviation > 0.0:
             width = min(width, pair.play / deviation)
     states = np.hstack([width * q, 1j * w[:, 0] * q])
+    if modes.branches is not None:
+        turns: Vector = w[:, 0, 0].astype(float)
+        stretched = states[:, n:] @ modes.branches.rows.T
+        states = np.hstack([states, modes.branches.forces(turns) * stretched])
     covariance = 2.0 * (states.T @ states.conj()).real
     # linear parts divide by deviations, also by that of a mode which nothing shakes
     for part in (slice(0, n), slice(n, 2 * n)):
         own = np.sqrt(np.diag(covariance)[part])
         covariance[part, part] += np.eye(n) * (FAINT * max(float(own.max()), FAINT)) ** 2
-    rates = np.linalg.eigvals(modes.flow[: 2 * n, : 2 * n]).real
+    rates = np.linalg.eigvals(modes.flow[: modes.moving, : modes.moving]).real
     slowest = max((-0.5 / rate for rate in rates if rate < 0.0), default=shaking.step)
     return LinearLaw(
         covariance=covariance, waves=(), mean=np.zeros(n),

@@ -436,7 +436,7 @@ def test_a_gap_put_on_its_stop_lies_there_at_rest(side: float) -> None:
     speeds = np.einsum("on,pnk->pok", rows, series[:, 3:])
     of_gaps = np.zeros((2, 2, 3, 2))
     of_gaps[:, :, 1], of_gaps[:, :, 2, 0] = speeds, speeds[:, :, 1]
-    responses = Responses(series, of_gaps, *np.zeros((3, 2, 0, 2)))
+    responses = Responses(series, 3, of_gaps, *np.zeros((3, 2, 0, 2)))
     state, gaps = random.normal(size=(6, 1)), np.zeros((6, 2))
     gaps[Y1], gaps[V1] = rows @ state[:3, 0], rows @ state[3:, 0]
     for pair in range(2):

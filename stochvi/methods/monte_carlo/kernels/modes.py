@@ -640,7 +640,7 @@ def make_room(
     passes, modes, pairs = structure.passes, structure.modes, structure.stops.places.shape[0]
     first, last = modes + modes * (modes + 1), modes + modes * (modes + 1) + rows * pairs
     local = np.zeros((rows_of_sums, width))
-    work = make_workspace(pairs, 2 * modes, structure.responses.states.shape[2])
+    work = make_workspace(pairs, *structure.responses.states.shape[1:])
     between = states * min(parts, 1)
     return Room(
         np.zeros((states, width)), np.zeros((states, width)), np.zeros((2 * passes.normals, width)),
