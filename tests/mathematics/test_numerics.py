@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from stochvi.mathematics.numerics import gauss_legendre, gauss_panels, root_between
+from stochvi.mathematics.numerics import gauss_legendre, gauss_panels, newton, root_between
 from stochvi.mathematics.rods import Rod, mass_on_rod, rod_on_rod, rod_on_stop
 from stochvi.mathematics.units import (
     DENSITIES,
@@ -68,6 +68,36 @@ def test_roots_have_the_digits_of_scipy(number: int) -> None:
 def test_a_root_at_an_end_is_that_end() -> None:
     assert root_between(lambda x: x, 0.0, 1.0) == 0.0
     assert root_between(lambda x: x, -1.0, 0.0) == 0.0
+
+
+# ------------------------------------------------------------------------------
+# Newton's method for many problems at once.
+# ------------------------------------------------------------------------------
+
+
+def test_newton_finds_many_roots_and_says_which_it_did_not() -> None:
+    """Unlike problems of two unknowns; tanh leads astray without halved steps, and x^2 + 1 has no
+    root."""
+    wanted = np.array([0.3, -1.5, 2.0, 0.0])
+
+    def problem(x: np.ndarray, some: np.ndarray) -> np.ndarray:
+        first = np.where(some == 3, x[0] ** 2 + 1.0, np.tanh(3.0 * (x[0] - wanted[some])))
+        return np.array([first, x[1] - x[0] ** 2])
+
+    found, left = newton(problem, np.array([[1.5, 0.0, 1.0, 1.0], [0.0, 0.0, 9.0, 1.0]]))
+    assert found[0, :3] == pytest.approx(wanted[:3], abs=1e-12)
+    assert found[1, :3] == pytest.approx(wanted[:3] ** 2, abs=1e-12)
+    assert left[:3].max() < 1e-11
+    assert left[3] >= 1.0
+
+
+def test_newton_ends_where_the_problem_is_not_a_number() -> None:
+    def problem(x: np.ndarray, some: np.ndarray) -> np.ndarray:
+        return np.where(x > 0.0, x - 1.0, np.nan)
+
+    found, left = newton(problem, np.array([[-1.0, 3.0]]))
+    assert math.isinf(left[0])
+    assert found[0, 1] == pytest.approx(1.0, abs=1e-12)
 
 
 # ------------------------------------------------------------------------------

@@ -30,9 +30,9 @@ from stochvi.methods.fokker_planck.strips import (
     Patch,
     Solved,
     Strip,
-    Strips,
     first_patches,
     graded,
+    make_strips,
     refined,
     solve_strips,
 )
@@ -408,9 +408,6 @@ class StripDensity:
 BORDER_VELOCITIES = 65
 """Number of velocities at which the density is computed where a box ends without a stop."""
 
-BORDER = 1e-12
-"""Share of the length of a box within which a place counts as lying on a border of its strips."""
-
 NODES = 24
 """Number of Gauss-Legendre nodes in each cell, for a restitution that depends on speed."""
 
@@ -681,12 +678,11 @@ class Refinement(NamedTuple):
 def _answers(motion: Motion, threshold: float) -> Iterator[tuple[StripDensity, Averages]]:
     """Densities on finer and finer meshes, with their averages."""
     scaled, patches, field = _first(motion, threshold)
-    makers = Strips()
     for stage in range(1, MOST_MESHES + 1):
         yield field, field.averages(threshold)
         slowest = SLOWEST[min(stage, len(SLOWEST) - 1)]
         patches = graded(scaled, refined(scaled, field.solved, patches), slowest)
-        strips = makers.make(patches, _degrees(stage))
+        strips = make_strips(patches, _degrees(stage))
         if stage > 1 and sum(strip.unknowns for strip in strips) > MOST_UNKNOWNS:
             return
         try:
@@ -760,7 +756,7 @@ def _first(
         scaled = scaled_motion(motion, stretch, hit, threshold)
         patches = graded(scaled, first_patches(scaled), SLOWEST[0])
         try:
-            field = _field(scaled, Strips().make(patches, FIRST_DEGREES), SLOWEST[0])
+            field = _field(scaled, make_strips(patches, FIRST_DEGREES), SLOWEST[0])
         except np.linalg.LinAlgError:
             raise NotConverged(UNSOLVED) from None
         new = _hit(field)

@@ -7,7 +7,7 @@ import itertools
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -506,30 +506,14 @@ def _slowed(scaled: ScaledMotion, patch: Patch, slowest: float) -> tuple[float, 
     return tuple(sorted(breaks))
 
 
-class Strips:
-    """Makes strips, and shares the cells of those with equal breaks."""
-
-    def __init__(self) -> None:
-        self._cells: dict[tuple[tuple[float, ...], int], VelocityCells] = {}
-
-    def make(self, patches: Iterable[Patch], degrees: Degrees) -> tuple[Strip, ...]:
-        """Make the strips of all patches."""
-        return tuple(
-            Strip(
-                anchor=patch.anchor,
-                near=patch.near,
-                far=patch.far,
-                degree=degrees.place,
-                cells=self._shared(patch.breaks, degrees.velocity),
-            )
-            for patch in patches
-        )
-
-    def _shared(self, breaks: tuple[float, ...], degree: int) -> VelocityCells:
-        key = breaks, degree
-        if key not in self._cells:
-            self._cells[key] = VelocityCells(breaks, degree)
-        return self._cells[key]
+def make_strips(patches: Iterable[Patch], degrees: Degrees) -> tuple[Strip, ...]:
+    """Make the strips of all patches; those with equal breaks share their cells."""
+    shared = cache(VelocityCells)
+    return tuple(
+        Strip(anchor=anchor, near=near, far=far, degree=degrees.place,
+              cells=shared(breaks, degrees.velocity))
+        for anchor, near, far, breaks in patches
+    )  # fmt: skip
 
 
 def refined(scaled: ScaledMotion, solved: Solved, patches: tuple[Patch, ...]) -> tuple[Patch, ...]:

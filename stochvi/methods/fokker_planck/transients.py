@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stochvi.mathematics.impact_rates import rice_rate
+from stochvi.mathematics.impact_rates import normal_density, rice_rate
 from stochvi.mathematics.numerics import Array
 from stochvi.mathematics.spectra import step_covariance, transition
 from stochvi.methods.fokker_planck.basis import ErrorMargins, Mesh, boxes_of
@@ -670,10 +670,7 @@ class _State(NamedTuple):
 
     def displacement_density(self, x: Array) -> Array:
         if self.law is not None:
-            deviation = self.law.deviations[0]
-            scaled = (x - self.law.mean[0]) / deviation
-            normal: Array = np.exp(-(scaled**2) / 2.0) / (deviation * math.sqrt(2.0 * math.pi))
-            return normal
+            return normal_density(x, self.law.mean[0], self.law.deviations[0])
         assert self.operator is not None
         assert self.coefficients is not None
         return self.operator.displacement_density(self.coefficients, x)

@@ -517,7 +517,7 @@ def test_a_stop_that_is_left_out_is_bounded_by_what_is_found_beside_it() -> None
     whole = solved(motion)
     frame = scaled_motion(motion)
     patches = density.graded(frame, density.first_patches(frame), density.SLOWEST[0])
-    strips = density.Strips().make(patches, density.FIRST_DEGREES)
+    strips = density.make_strips(patches, density.FIRST_DEGREES)
     blind = density._field(frame, strips, density.SLOWEST[0])
     averages = blind.averages(0.0)
     assert averages.rate_upper == 0.0
