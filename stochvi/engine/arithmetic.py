@@ -414,12 +414,6 @@ ROWS_OF_CONTACT_PAIR = ROWS_OF_PAIR + 2 * ROWS_OF_STOP
 """Rows of a pair with compliant stops: those of impacts, then those of the contacts with the
 lower stop, and with the upper stop."""
 
-PLACE, SPEED, LEFT = range(4, 7)
-FOUND = 7
-"""Rows of a contact of one mass that was followed: IMPULSE, LOSS (with what the stop holds at the
-end), PEAK and TIME; deflection and rate at the end; and the time that is left, s. A contact that
-ended has the deflection 0."""
-
 
 # ------------------------------------------------------------------------------
 # When a path rests on a stop, in all kernels: after how many bounces, and after how slow ones.
@@ -430,11 +424,6 @@ MOST_BOUNCES = 1000
 """Largest number of impacts of a path in one step. A mass with more of them is pressed against the
 stop: its speed is at most 1/2000 of the speed that the pressing acceleration brings in the step,
 and it is put to rest on the stop."""
-
-MOST_EVENTS = 10_000
-"""Largest number of events of one mass in a step: touches, ends of pieces of a force, ends of
-contacts. It is ten times MOST_BOUNCES because a mass that is pressed onto a stiff stop swings on it
-many times in a step. After so many events the motion of the step ends where it is."""
 
 RESTING = 1e-8
 """A rebound whose speed is at most this share of the speed that the pressing acceleration brings in

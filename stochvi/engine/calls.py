@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,7 +40,7 @@ from stochvi.engine.parts import (
     slope,
     watched,
 )
-from stochvi.engine.sub_steps import press, through
+from stochvi.engine.sub_steps import press
 
 
 def call_by_address(signature: Any) -> Callable[..., Any]:
@@ -94,17 +94,8 @@ OF_LANES = types.intp(
 )
 """Signature of the function of many lanes, `press`."""
 
-OF_MASS = types.intp(
-    types.float64[:, ::1], types.intp, types.float64, types.float64, types.float64, types.float64,
-    types.float64, types.float64[::1],
-)  # fmt: skip
-"""Signature of the function of a contact of one mass: table and row of numbers, then as
-`through`."""
-
-
 call_of_stop = call_by_address(OF_STOP)
 call_of_lanes = call_by_address(OF_LANES)
-call_of_mass = call_by_address(OF_MASS)
 
 
 @kernel
@@ -143,14 +134,8 @@ def press_all(laws, kind, memory, low, high, numbers, fastest):
     call_of_lanes(laws[kind, 1], (memory, low, high, numbers, fastest))
 
 
-@kernel
-def follow(laws, kind, numbers, row, y, v, left, pressing, stiffness, found):
-    """`through` for a stop with a law of the class `kind`, whose numbers are a row of a table."""
-    call_of_mass(laws[kind, 2], (numbers, row, y, v, left, pressing, stiffness, found))
-
-
 def functions_of_class(law):
-    """The functions of the class of a law: of one stop, of many lanes, and of one mass.
+    """The functions of the class of a law: of one stop, and of many lanes.
 
     The numbers of that law do not matter.
     """
@@ -173,12 +158,7 @@ def functions_of_class(law):
         press(law, memory, low, high, numbers, fastest)
         return 0
 
-    @kernel
-    def of_mass(numbers, row, y, v, left, pressing, stiffness, found):
-        through(read_law(law, numbers, row), y, v, left, pressing, stiffness, found)
-        return 0
-
-    return of_stop, of_lanes, of_mass
+    return of_stop, of_lanes
 
 
 # ------------------------------------------------------------------------------
@@ -223,18 +203,17 @@ class Stops(NamedTuple):
 
 
 _COMPILED_LAWS: dict[type, tuple[Any, ...]] = {}
-"""Functions of one stop, of many lanes and of one mass, by the class of their laws. Their machine
-code must live as long as this process."""
+"""Functions of one stop and of many lanes, by the class of their laws. Their machine code must live
+as long as this process."""
 
 
-def functions_of(laws: list[Any], *, lanes: bool = False, mass: bool = False) -> NDArray[Any]:
-    """Addresses of the functions of classes of laws, (classes, 3): of one stop, of many lanes, and
-    of one mass. Those of many lanes, or of one mass instead of one stop, are compiled where they
-    are wanted and the law is compliant.
+def functions_of(laws: list[Any], *, lanes: bool = False) -> NDArray[Any]:
+    """Addresses of the functions of classes of laws, (classes, 2): of one stop, and of many lanes,
+    which are compiled where they are wanted and the law is compliant.
 
     Addresses hold for this process only. Without compilation they are the functions.
     """
-    signatures = (OF_STOP, OF_LANES, OF_MASS)
+    signatures = (OF_STOP, OF_LANES)
     table = np.zeros((len(laws), len(signatures)), object if config.DISABLE_JIT else np.int64)
     for row, law in zip(table, laws, strict=True):
         kind = type(law)
@@ -242,9 +221,7 @@ def functions_of(laws: list[Any], *, lanes: bool = False, mass: bool = False) ->
             # the numbers of this law must not become part of the code
             blank = (np.zeros((1,) * np.ndim(each)) if np.ndim(each) else 0.0 for each in law)
             _COMPILED_LAWS[kind] = functions_of_class(kind(*blank))  # type: ignore[no-untyped-call]
-        compliant = not is_rigid(law)
-        of_one = mass and compliant
-        wanted = not of_one, lanes and compliant, of_one
+        wanted = True, lanes and not is_rigid(law)
         for k, signature in enumerate(signatures):
             function = _COMPILED_LAWS[kind][k]
             if config.DISABLE_JIT:
@@ -254,7 +231,9 @@ def functions_of(laws: list[Any], *, lanes: bool = False, mass: bool = False) ->
     return table
 
 
+@cache
 def address_of(function: Any, signature: Any) -> int:
+    """Address of a function that is compiled for a signature, in this process."""
     function.compile(signature)
     compiled = function.overloads[signature.args]
     address: int = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_cfunc_wrapper_name)

@@ -720,7 +720,7 @@ class Workspace(NamedTuple):
         the step;
         a view of `numbers`.
     now, later : (MOMENTS,) and (terms,), moments of a push, those later padded.
-    impulse : (1,), the moment of an impact.
+    jump : (2,), the moments of a push that takes no time: change of the speed, m/s, and of the gap.
     stack : (64, 8), parts of a step in which a root is still to be searched.
     """
 
@@ -730,7 +730,7 @@ class Workspace(NamedTuple):
     change: NDArray[np.float64]
     now: NDArray[np.float64]
     later: NDArray[np.float64]
-    impulse: NDArray[np.float64]
+    jump: NDArray[np.float64]
     stack: NDArray[np.float64]
 
 
@@ -741,7 +741,7 @@ def make_workspace(pairs, states, terms):
     later = np.zeros(padded(terms, TERMS_AT_ONCE))
     return Workspace(
         make_contacts(pairs), numbers, numbers[: 6 * pairs].reshape((6, pairs)),
-        numbers[6 * pairs : 6 * pairs + states], np.zeros(MOMENTS), later, np.zeros(1),
+        numbers[6 * pairs : 6 * pairs + states], np.zeros(MOMENTS), later, np.zeros(2),
         np.zeros((64, 8)),
     )  # fmt: skip
 
@@ -859,11 +859,12 @@ def add_push(pair, left, responses, followed, work):
 
 
 @kernel
-def add_impulse(pair, change, left, responses, followed, work):
-    """Add the response to a change of the speed of a pair, `left` s before the end."""
-    work.impulse[0] = change
-    powers_later(change, left, work.later)
-    add_response(pair, work.impulse, responses, followed, work)
+def add_jump(pair, change, moved, left, responses, followed, work):
+    """Add the response to a jump of the speed (m/s) and of the gap (m) of a pair, `left` s before
+    the end."""
+    work.jump[0], work.jump[1] = change, moved
+    powers_later(change, moved, left, work.later)
+    add_response(pair, work.jump, responses, followed, work)
 
 
 @kernel
@@ -973,9 +974,9 @@ def until_contact(step, span, impacts, stops, laws, responses, followed, work, t
         rebound, push, rubbed = rub_along(
             stops.tangents, pair, upper, w, rebound, gaps, V0, stops, responses, tally
         )
-        add_impulse(pair, -side * push, span, responses, followed, work)
+        add_jump(pair, -side * push, 0.0, span, responses, followed, work)
         if tangent >= 0:
-            add_impulse(tangent, rubbed, span, responses, followed, work)
+            add_jump(tangent, rubbed, 0.0, span, responses, followed, work)
         gaps[Y0, pair], gaps[V0, pair] = stop, -side * rebound
         pressing = side * gaps[A0, pair]
         rests = (pressing > 0.0) & (rebound <= RESTING * pressing * step)

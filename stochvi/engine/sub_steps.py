@@ -1,6 +1,5 @@
-"""Contacts in sub-steps of their own time scale. Chapters: motion of one mass on its spring; linear
-pieces of a force in closed form; effect of a push on a gap; friction of stops; memory of contacts
-side by side; many lanes side by side; one mass in contact."""
+"""Contacts in sub-steps of their own time scale. Chapters: effect of a push on a gap; friction of
+stops; memory of contacts side by side; many lanes side by side."""
 
 from __future__ import annotations
 
@@ -11,189 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.engine.arithmetic import (
-    IMPULSE,
-    LOSS,
-    PEAK,
-    PLACE,
-    SPEED,
-    TIME,
     columns_of,
-    cubic_maximum,
     fma,
     lanes_from,
     rows_of,
 )
-from stochvi.engine.arithmetic import LEFT as LEFT_SUM
 from stochvi.engine.compiling import kernel
 from stochvi.engine.parts import (
     MOST_NUMBERS,
     energy,
     force,
-    generic,
     is_lossy,
     is_smooth,
     margin,
     rate,
     read_lane,
 )
-
-# ------------------------------------------------------------------------------
-# Motion of one mass on its spring, without noise.
-#
-# Symbols: y displacement and v velocity; a the acceleration at the start; b the damping rate (1/s);
-# omega the natural frequency W (rad/s), which may be 0.
-# ------------------------------------------------------------------------------
-
-
-@kernel
-def decay(t, damping_rate, omega):
-    """Displacement and velocity at t after a unit velocity, y'' = -b y' - W^2 y."""
-    half = 0.5 * damping_rate
-    square = (omega - half) * (omega + half)
-    root = math.sqrt(abs(square))
-    if root * t < 1e-8:
-        shape, slope = t, 1.0
-    elif square > 0.0:
-        shape, slope = math.sin(root * t) / root, math.cos(root * t)
-    else:
-        # written so that neither exponential overflows for strong damping
-        fast, slow = math.exp(-2.0 * root * t), math.exp((root - half) * t)
-        return (
-            slow * (1.0 - fast) / (2.0 * root),
-            slow * ((1.0 + fast) / 2.0 - half * (1.0 - fast) / (2.0 * root)),
-        )
-    envelope = math.exp(-half * t)
-    return envelope * shape, envelope * (slope - half * shape)
-
-
-@kernel
-def undamped_motion(y, v, acceleration, t, omega):
-    """Displacement and velocity at t, from y, v and this acceleration."""
-    half = 0.5 * omega * t
-    if half > 0.0:
-        sine, cosine = math.sin(half), math.cos(half)
-        s = sine / omega
-        return (
-            y + 2.0 * s * (cosine * v + s * acceleration),
-            v * (1.0 - 2.0 * sine * sine) + 2.0 * s * cosine * acceleration,
-        )
-    return y + t * (v + 0.5 * t * acceleration), v + t * acceleration
-
-
-@kernel
-def travel_time(distance, v0, v1, turn, omega):
-    """Time of an undamped motion from the velocity v0 to v1, less than a period.
-
-    tan(W t / 2) = W distance / (v0 + v1) = W (v1 - v0) / turn, `turn` the sum of the accelerations
-    at both ends. The first form serves velocities of one sign, the second those of two. Neither
-    needs the centre of the motion, which for W = 0 is infinitely far.
-    """
-    if v0 * v1 >= 0.0:
-        rise, run = abs(distance), abs(v0 + v1)
-    else:
-        rise, run = abs(v1 - v0), turn if v1 > v0 else -turn
-    if omega > 0.0:
-        return 2.0 * math.atan2(omega * rise, run) / omega
-    if run > 0.0:
-        return 2.0 * rise / run
-    return 0.0 if rise == 0.0 else math.inf
-
-
-@kernel
-def time_to_touch(x, v, stop, span, stiffness, omega):
-    """Time until an undamped mass crosses `stop` upwards, and its speed there.
-
-    x and `stop` are measured from the rest position. The time is infinite where the mass does not
-    come so far, or not in the time `span`. It is 0 for a mass that rests on a stop and is pressed
-    onto it.
-    """
-    distance = stop - x
-    if distance * distance > (v * v + stiffness * x * x) * span * span and distance > 0.0:
-        return math.inf, 0.0
-    # a mass that goes away turns after at least a quarter of a period
-    leaving = v < 0.0 or (v == 0.0 and distance > 0.0)
-    if leaving and distance >= 0.0 and stop >= 0.0 and 2.0 * omega * span < math.pi:
-        return math.inf, 0.0
-    square = v * v + stiffness * (x - stop) * (x + stop)
-    w = math.sqrt(max(square, 0.0))
-    if x >= stop and (v > 0.0 or (v == 0.0 and stiffness * stop < 0.0)):
-        return 0.0, w
-    if square <= 0.0 or (v <= 0.0 and stiffness == 0.0):
-        return math.inf, 0.0
-    return travel_time(distance, v, w, -stiffness * (x + stop), omega), w
-
-
-# ------------------------------------------------------------------------------
-# One mass in contact with a stop, within a linear piece of its force: in closed form.
-#
-# The force is force + slope (y - start) from the deflection `start` to `end`, and the motion a
-# rotation with the frequency W, W^2 = stiffness + slope.
-# ------------------------------------------------------------------------------
-
-
-DOWN, STAYS, UP = -1, 0, 1
-"""Where the mass leaves a piece, or that its time ends in it."""
-
-
-@kernel
-def way_to(y, v, end, here, there):
-    """Square of the speed at the end of a piece, from the accelerations at y and there."""
-    return v * v + (here + there) * (end - y)
-
-
-@kernel
-def through_piece(y, v, left, piece, pressing, stiffness, found):
-    """Follow the mass through a piece (start, end, force, slope), for at most `left` s.
-
-    Returns where it leaves the piece, deflection and rate there, and the time left. Impulse, time
-    and peak force are added to `found`.
-    """
-    start, end, force, slope = piece
-    square = stiffness + slope
-    omega = math.sqrt(square)
-    a = pressing - stiffness * y - force - slope * (y - start)
-    below = pressing - stiffness * start - force
-    down, up, w, w_up = math.inf, math.inf, 0.0, 0.0
-    energy = way_to(y, v, start, a, below)
-    if energy > 0.0:
-        w = math.sqrt(energy)
-        down = travel_time(start - y, v, -w, a + below, omega)
-    if end < math.inf:
-        above = pressing - stiffness * end - force - slope * (end - start)
-        energy = way_to(y, v, end, a, above)
-        if energy > 0.0:
-            w_up = math.sqrt(energy)
-            up = travel_time(end - y, v, w_up, a + above, omega)
-    t = min(min(down, up), left)
-    where = STAYS if t == left else (DOWN if down <= up else UP)
-    if where == STAYS:
-        y1, v1 = undamped_motion(y, v, a, t, omega)
-        top = math.inf
-        if omega > 0.0:
-            angle = math.atan2(omega * v, -a)
-            top = (angle if angle >= 0.0 else angle + 2.0 * math.pi) / omega
-        elif v > 0.0 and a < 0.0:
-            top = -v / a
-        turned = top <= t
-    elif where == DOWN:
-        y1, v1, turned = start, -w, v > 0.0
-    else:
-        y1, v1, turned = end, w_up, False
-    highest = y1
-    if turned:
-        largest = math.sqrt(a * a + square * v * v)
-        if a > 0.0:
-            highest = y + (largest + a) / square
-        elif largest > 0.0:
-            highest = y + v * v / (largest - a)
-    found[PEAK] = max(found[PEAK], force + slope * (max(highest, y) - start))
-    change = v1 - v
-    found[IMPULSE] += (pressing - stiffness * y) * t - change
-    if square > 0.0:
-        found[IMPULSE] -= stiffness / square * (a * t - change)
-    found[TIME] += t
-    return where, y1, v1, left - t
-
 
 # ------------------------------------------------------------------------------
 # What a push on a pair changes: an impact, or a contact of any length, described by its moments.
@@ -325,11 +157,13 @@ def moments_later(now, left, later):
 
 
 @kernel
-def powers_later(change, left, later):
-    """The moments of an impact that changes the speed by `change`, `left` s later."""
+def powers_later(change, moved, left, later):
+    """The moments of a push that changes speed and place at once, `left` s later."""
+    power, before = 1.0, 0.0  # left^k, and k left^(k - 1)
     for k in range(later.shape[0]):
-        later[k] = change
-        change *= left
+        later[k] = change * power + moved * before
+        before = before * left + power
+        power *= left
 
 
 @kernel
@@ -575,6 +409,10 @@ onto the stop; numbers of the law; moments of the push."""
 CONTACT_ANGLE = 0.25
 """Length of a sub-step of a contact times the largest rate in that contact, rad."""
 
+CONTACT_ERROR = 2e-5
+"""Relative error of the speed after a contact in sub-steps, its impulse and its loss. Those of its
+duration and of its peak force are up to twenty times as large; a kink makes that two hundred."""
+
 FIRST_SHARE = 0.125
 """Share of a full sub-step that the first and the last one have, where the force has no derivatives
 at the touch. Lengths double from the first on and halve towards the last."""
@@ -675,10 +513,16 @@ def advance_contacts(kind, memory, low, high, numbers):
         at_start, at_half = force(law, y, v), force(law, y_half, v_half)
         at_end = force(law, y_end, v_end)
         pushed = on * h * (share_above_zero(at_start, at_half, at_end) if lossy else 1.0)
-        centre, last = on * max(at_half, 0.0), on * max(at_end, 0.0)
-        slope, bend = 4.0 * centre - 3.0 * f0 - last, 2.0 * (f0 + last) - 4.0 * centre
-        inner = (bend < 0.0) & (slope > 0.0) & (slope < -2.0 * bend)
-        peak = max(max(f0, last), f0 - 0.25 * slope * slope / bend if inner else 0.0)
+        last = on * max(at_end, 0.0)
+        if lossy:
+            inner = parabola_maximum(f0, on * max(at_half, 0.0), last)
+        else:  # the force is largest where the mass turns back
+            turns = (v > 0.0) & (v_end < 0.0)
+            s = v / (v - v_end) if turns else 0.0
+            top = y + s * (h * v + s * (3.0 - 2.0 * s) * (y_end - y - h * v))
+            top += s * s * (s - 1.0) * h * (v_end - v)
+            inner = on * max(force(law, top, 0.0), 0.0)
+        peak = max(max(f0, last), inner)
         # the parabola of the push, which the structure feels, times the cubic of the rate
         work = f0 * (11.0 * v + h * a0 - v_end) + f3 * (11.0 * v_end - h * a3 - v)
         work += 2.0 * (f1 + f2) * (5.0 * (v + v_end) + h * (a0 - a3))
@@ -734,234 +578,3 @@ def press(kind, memory, low, high, numbers, fastest):
     for _ in range(MOST_SUB_STEPS):
         if advance_contacts(kind, memory, low, high, numbers) == 0:
             break
-
-
-# ------------------------------------------------------------------------------
-# A contact of one mass with a compliant stop, followed to its end or to the end of a step.
-#
-# While it lasts, the mass moves under its spring and the force of the stop,
-#
-#     y'' = pressing - stiffness y - F(y, y'),
-#
-# y the deflection. A force that is linear is followed in closed form, by its law. Sub-steps serve
-# any force.
-# ------------------------------------------------------------------------------
-
-
-ANGLE_OF_ONE_MASS = 0.125
-"""Length of a sub-step times the largest rate in the contact, rad: the longest for which
-CONTACT_ERROR holds."""
-
-CONTACT_ERROR = 2e-5
-"""Relative error of duration, impulse and peak force of a contact in sub-steps: among random
-contacts with a ball, 99 of 100 were below 1.3e-5, and the state at any time below 3e-6 of the
-largest. The peak of a force that depends on the rate has twice that error. The energy of a contact
-without losses is kept. It is not resolved whether a mass that is pressed on leaves its stop with
-less than a millionth of its energy."""
-
-MOST_TRIES_OF_ONE_MASS = 40
-"""Largest number of Newton steps to the time of an event; each repeats a sub-step."""
-
-EVENT_CHANGE = 1e-13
-"""Change of the time of an event in the last of these steps, as a share of a sub-step."""
-
-MOVING = 0.01
-"""Share of the energy of a motion from which on the energy says the speed better than sub-steps."""
-
-
-@generic(inline=False)
-def through(law, y, v, left, pressing, stiffness, found):
-    """Follow the contact of one mass until it ends.
-
-    Parameters
-    ----------
-    y, v : deflection, m, and its rate, m/s, at the start; y = 0 for a touch.
-    left : s, how long the contact is followed at most.
-    pressing : m/s^2, acceleration onto the stop at y = 0, without its force.
-    stiffness : 1/s^2, that of the spring of the mass.
-    found : the rows FOUND of `sums`, overwritten. PEAK is the largest force so far at the start.
-    """
-
-
-class Swing(NamedTuple):
-    """A mass on its spring: the acceleration `pressing` onto the stop at y = 0, m/s^2, and the
-    `stiffness` w0^2, 1/s^2."""
-
-    pressing: float
-    stiffness: float
-
-
-@kernel
-def acceleration(motion, y):
-    """Acceleration of the mass without the force of the stop, m/s^2."""
-    return motion.pressing - motion.stiffness * y
-
-
-@kernel
-def push_of(law, on, y, v):
-    """Force of a stop that pushes where `on` is 1, and follows the mass without a force where it
-    is 0."""
-    return on * max(force(law, y, v), 0.0)
-
-
-@kernel
-def sub_step(motion, law, on, y, v, h):
-    """A sub-step of the Runge-Kutta method of order 4: deflection, rate and its derivative at the
-    end, and the impulse of the stop."""
-    half, sixth = 0.5 * h, h / 6.0
-    f0 = push_of(law, on, y, v)
-    a0 = acceleration(motion, y) - f0
-    y1, v1 = y + half * v, v + half * a0
-    f1 = push_of(law, on, y1, v1)
-    a1 = acceleration(motion, y1) - f1
-    y2, v2 = y + half * v1, v + half * a1
-    f2 = push_of(law, on, y2, v2)
-    a2 = acceleration(motion, y2) - f2
-    y3, v3 = y + h * v2, v + h * a2
-    f3 = push_of(law, on, y3, v3)
-    a3 = acceleration(motion, y3) - f3
-    return (
-        y + sixth * (v + 2.0 * (v1 + v2) + v3),
-        v + sixth * (a0 + 2.0 * (a1 + a2) + a3),
-        a3,
-        sixth * (f0 + 2.0 * (f1 + f2) + f3),
-    )
-
-
-@kernel
-def distance_to_event(law, on, y, v, a):
-    """Distance to the next event, m, its rate, and whether that event is the end of the contact.
-
-    A stop that pushes ceases to do so where its margin ends. One that does not is left where y
-    passes 0, or pushes again where its margin begins.
-    """
-    room, rise = margin(law, y, v), margin(law, v, a)
-    if on > 0.0:
-        return room, rise, not is_lossy(law)
-    if y < 0.0:
-        return y, v, True
-    return -room, -rise, False
-
-
-@kernel
-def time_of_push(motion, law, start, end, h):
-    """How long the stop pushes in a sub-step, s, from (y, y') at its start and (y, y', y'') at its
-    end. A stop without a margin of its own may cease to push, or begin to, within it."""
-    (y, v), (y1, v1, a1) = start, end
-    if not is_lossy(law):
-        return h
-    f0 = force(law, y, v)
-    middle, speed = middle_of(motion, y, v, y1, v1, a1, max(f0, 0.0), h)
-    return h * share_above_zero(f0, force(law, middle, speed), force(law, y1, v1))
-
-
-@kernel
-def middle_of(motion, y, v, y1, v1, a1, f0, h):
-    """Deflection and rate in the middle of a sub-step, whose force at the start is f0."""
-    a0 = acceleration(motion, y) - f0
-    return 0.5 * (y + y1) + 0.125 * h * (v - v1), 0.5 * (v + v1) + 0.125 * h * (a0 - a1)
-
-
-@kernel
-def push_at_turn(law, on, y, v, y1, v1, h, f0, f1):
-    """Largest force in a sub-step of a stop without losses: that at an end, or where the motion
-    turns back."""
-    if v <= 0.0 or v1 >= 0.0:
-        return max(f0, f1)
-    return push_of(law, on, cubic_maximum(y, v, y1, v1, h), 0.0)
-
-
-@kernel
-def push_over(motion, law, on, start, end, h):
-    """Largest force in a sub-step, from (y, y') at its start and (y, y', y'') at its end."""
-    (y, v), (y1, v1, a1) = start, end
-    f0, f1 = push_of(law, on, y, v), push_of(law, on, y1, v1)
-    if not is_lossy(law):
-        return push_at_turn(law, on, y, v, y1, v1, h, f0, f1)
-    middle, speed = middle_of(motion, y, v, y1, v1, a1, f0, h)
-    return parabola_maximum(f0, push_of(law, on, middle, speed), f1)
-
-
-@kernel
-def largest_rate(motion, law, y, v):
-    """Largest rate of the motion in a contact, rad/s."""
-    pressing = motion.pressing
-    fast, pull = rate(law, y, v, max(pressing, 0.0)), max(-pressing, 0.0)
-    square = v * v + 2.0 * pull * y
-    # a slow mass that is pulled off the stop turns back before its force counts
-    turn = pull * pull / square if square > 0.0 else 0.0
-    return math.sqrt(motion.stiffness + fast * fast + turn)
-
-
-@kernel
-def length_of_sub_step(law, y, v, longest):
-    """Length of the next sub-step, s, shorter near the touch of a stop that is not smooth there."""
-    if is_smooth(law) or v == 0.0:
-        return longest
-    there = y / v if v > 0.0 else -0.5 * y / v
-    return min(longest, max(FIRST_SHARE * longest, there))
-
-
-@kernel
-def speed_by_energy(held, y, v, y1, v1, pressing, stiffness):
-    """The rate v1 at the deflection y1 with the size that the energy gives it, where it is not too
-    small for that; `held` is what the stop has given back since y and v."""
-    square = v * v + 2.0 * held + (y1 - y) * (2.0 * pressing - stiffness * (y1 + y))
-    return math.copysign(math.sqrt(square), v1) if square > MOVING * v * v else v1
-
-
-@kernel
-def lost_energy(y, v, y1, v1, pressing, stiffness):
-    """What the motion has lost between two states in contact: losses, and what the stop holds."""
-    return (y1 - y) * (pressing - 0.5 * stiffness * (y1 + y)) - 0.5 * (v1 - v) * (v1 + v)
-
-
-@kernel
-def follow_by_sub_steps(motion, law, y, v, left, found):
-    """`through` for any force."""
-    y0, v0, over, ends = y, v, False, False
-    longest = ANGLE_OF_ONE_MASS / largest_rate(motion, law, y, v)
-    on = 1.0 if y <= 0.0 or margin(law, y, v) > 0.0 else 0.0
-    impulse, lasted, peak = 0.0, 0.0, found[PEAK]
-    for _ in range(MOST_SUB_STEPS):
-        whole = h = min(length_of_sub_step(law, y, v, longest), left)
-        y1, v1, a1, push = sub_step(motion, law, on, y, v, h)
-        if v < 0.0 < v1:  # it may have left the stop where it turned back
-            turn = h * v / (v - v1)
-            low, _, _, _ = sub_step(motion, law, on, y, v, turn)
-            if low < 0.0:
-                whole = h = turn
-                y1, v1, a1, push = sub_step(motion, law, on, y, v, h)
-        distance, rise, ends = distance_to_event(law, on, y1, v1, a1)
-        event = distance < 0.0
-        for _ in range(MOST_TRIES_OF_ONE_MASS if event else 0):
-            following = min(max(h - distance / rise, 0.25 * h), whole) if rise < 0.0 else 0.5 * h
-            if abs(following - h) <= EVENT_CHANGE * whole:
-                break
-            h = following
-            y1, v1, a1, push = sub_step(motion, law, on, y, v, h)
-            # the event that was found stays the one that is looked for
-            distance, rise = (y1, v1) if ends else (margin(law, y1, v1), margin(law, v1, a1))
-            distance, rise = (-distance, -rise) if on == 0.0 and not ends else (distance, rise)
-        peak = max(peak, push_over(motion, law, on, (y, v), (y1, v1, a1), h))
-        impulse += push
-        lasted += on * time_of_push(motion, law, (y, v), (y1, v1, a1), h)
-        left -= h
-        y, v = y1, v1
-        over = event and (ends or y <= 0.0)
-        on = 1.0 - on if event else on
-        if over or left <= 0.0:
-            break
-    y = 0.0 if over else y
-    found[IMPULSE], found[PEAK], found[TIME] = impulse, peak, lasted
-    pressing, stiffness = motion
-    if not is_lossy(law):
-        held = 0.0 if y0 == y else energy(law, y0) - energy(law, y)
-        v = speed_by_energy(held, y0, v0, y, v, pressing, stiffness)
-    found[SPEED], found[LOSS] = v, lost_energy(y0, v0, y, v, pressing, stiffness)
-    found[PLACE], found[LEFT_SUM] = y, max(left, 0.0) if over else 0.0
-
-
-@through.of(object)
-def _(law, y, v, left, pressing, stiffness, found):
-    follow_by_sub_steps(Swing(pressing, stiffness), law, y, v, left, found)

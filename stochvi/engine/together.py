@@ -1,15 +1,12 @@
 """What is left of a step of many paths, with contacts integrated side by side.
 
-Each lane in which a stop may be reached goes on by itself, through impacts on rigid stops
-(`contacts.until_contact`). It waits where it touches a compliant stop. In rounds, all contacts with
-stops whose laws are of one class are integrated side by side (`sub_steps`), and their lanes go on.
-Some lanes finish their step alone, with the same equations: those that rest on a stop, those whose
-stop rubs, and those in which another stop may be reached during the contact.
+Chapters: contacts that are known by the speed of their touch; many lanes side by side.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +14,7 @@ from numpy.typing import NDArray
 from stochvi.engine.arithmetic import (
     ENDED,
     IMPULSE,
+    LANES,
     LOSS,
     PEAK,
     ROWS_OF_PAIR,
@@ -38,11 +36,13 @@ from stochvi.engine.compliant_contacts import (
     Following,
     Tally,
     Workspace,
+    add_jump,
     add_push,
     find_contacts,
     finish_alone,
     followed_of,
     keep_between_stops,
+    make_workspace,
     move_starts,
     until_contact,
 )
@@ -81,6 +81,188 @@ from stochvi.engine.sub_steps import (
     tangent_of,
 )
 
+# ------------------------------------------------------------------------------
+# Contacts of one mode that begin with a touch and end within a step.
+#
+# No noise acts within a step, so that such a contact of a structure of one mode is a function of
+# the speed of its touch. Tables of polynomials hold that function. A contact is then read from them
+# instead of being integrated, which makes the price of a contact the same for all laws.
+#
+# After it the motion is that of a mass at the stop with the speed of leaving. As a push at that
+# time, which changes displacement and speed by dy and dv, it has the moments S_0 = dv, S_1 = dy and
+# no others (`add_jump`).
+# ------------------------------------------------------------------------------
+
+
+CELLS, TERMS = 96, 6
+"""Number of polynomials of a quantity, for equal ratios of speeds, and of their coefficients."""
+
+SLOWEST, FASTEST = 1e-3, 10.0
+"""Range of the speeds of touches of a table, in units of the rms speed of the gap."""
+
+FINER = 8.0
+"""How much shorter sub-steps are than usual where tables are made; their method is of order 4."""
+
+TABLE_ERROR = 1e-6
+"""Largest relative error of the polynomials in the middle and near the ends of a cell: that of a
+contact in sub-steps is larger. Contacts of other cells are integrated: of those where the force has
+a kink. A stop that loses nothing gives back the whole speed."""
+
+REBOUND, DURATION, BRAKING, HARDEST, PUSHING = range(5)
+QUANTITIES = 5
+"""Quantities of a contact: speed of leaving over that of the touch; duration, s; impulse over the
+speed of the touch; peak force over the same; and for how long the stop pushes, s."""
+
+
+class Known(NamedTuple):
+    """Contacts with the lower and the upper stop of one pair, by the speed of the touch.
+
+    Parameters
+    ----------
+    first, per_cell : logarithm of the slowest speed, and cells to a unit of the logarithm.
+    terms : (2, CELLS, QUANTITIES, TERMS), coefficients of the powers of the place in a cell, from
+        0 to 1. The duration is infinite in a cell whose contacts have to be integrated. There are
+        no cells where contacts are not known.
+    """
+
+    first: float
+    per_cell: float
+    terms: NDArray[np.float64]
+
+
+NOT_KNOWN = Known(0.0, 0.0, np.zeros((2, 0, QUANTITIES, TERMS)))
+"""No contacts are known: those of several modes, or in which noise acts."""
+
+
+class Touching(NamedTuple):
+    """What the contacts of a table begin from: `Stops`, `Responses` and `Workspace`."""
+
+    stops: Stops
+    responses: Responses
+    work: Workspace
+
+
+def known_contacts(
+    stops: Stops, laws: NDArray[Any], responses: Responses, speed: float, span: float,
+    square: float, fastest: float,
+) -> Known:  # fmt: skip
+    """Tables of the contacts with the stops of the only pair of a structure of one mode.
+
+    Parameters
+    ----------
+    speed : rms speed of the gap, m/s.
+    span : s, the longest contact.
+    square : w0^2 of the mode, 1/s^2; places of stops are measured from its rest position.
+    fastest : rad/s, fastest rate of a contact at the fastest touch.
+    """
+    # errors are smallest with these places (Chebyshev)
+    places = 0.5 - 0.5 * np.cos(0.5 * np.pi / TERMS * np.arange(1, 2 * TERMS, 2))
+    tried = np.array([*places, 0.02, 0.5])
+    first, width = math.log(SLOWEST * speed), math.log(FASTEST / SLOWEST) / CELLS
+    touches = np.exp(first + width * (np.arange(CELLS)[:, None] + tried))
+    terms = np.zeros((2, CELLS, QUANTITIES, TERMS))
+    terms[:, :, DURATION, 0] = np.inf
+    powers = tried[:, None] ** np.arange(TERMS)
+    to_terms = np.linalg.inv(powers[:TERMS])
+    for upper in np.flatnonzero(~stops.rigid[0]):
+        found = np.empty((touches.size, QUANTITIES))
+        integrate_touches(
+            touches.ravel(),
+            int(upper),
+            span,
+            square,
+            FINER * fastest,
+            stops,
+            laws,
+            responses,
+            found,
+        )
+        if not stops.lossy[0, upper]:
+            found[:, REBOUND] = np.where(np.isfinite(found[:, REBOUND]), 1.0, np.nan)
+        found = found.reshape(CELLS, len(tried), QUANTITIES)
+        made = np.einsum("pn,cnq->cqp", to_terms, found[:, :TERMS])
+        off = np.abs(np.einsum("np,cqp->cnq", powers[TERMS:], made) - found[:, TERMS:])
+        good = np.all(off <= TABLE_ERROR * np.abs(found[:, TERMS:]), axis=(1, 2))
+        terms[upper, good] = made[good]
+    return Known(first, 1.0 / width, terms)
+
+
+@kernel
+def integrate_touches(touches, upper, span, square, fastest, stops, laws, responses, found):
+    """Integrate contacts from touches at some speeds to their ends: rows of QUANTITIES, nan where a
+    contact lasts longer than the span."""
+    work = make_workspace(1, 2, responses.states.shape[2])
+    touching, gaps, memory = Touching(stops, responses, work), work.gaps, memory_of(ROWS)
+    side, stop, omega = 2.0 * upper - 1.0, stops.places[0, upper], math.sqrt(square)
+    cosine, sine = math.cos(omega * span), math.sin(omega * span) / omega if omega > 0.0 else span
+    w = rows_of(memory)
+    for first in range(0, touches.shape[0], LANES):
+        count = min(LANES, touches.shape[0] - first)
+        for m in range(count):
+            gaps[Y0, 0], gaps[V0, 0], gaps[A0, 0] = stop, side * touches[first + m], -square * stop
+            gaps[Y1, 0] = stop * cosine + gaps[V0, 0] * sine
+            gaps[V1, 0] = gaps[V0, 0] * cosine - square * stop * sine
+            gaps[A1, 0] = -square * gaps[Y1, 0]
+            start_contact(m, 0, upper, span, touching, memory)
+        press_all(laws, stops.kinds[0, upper], memory, 0, count, stops.numbers, fastest)
+        for m in range(count):
+            speed, row = touches[first + m], found[first + m]
+            row[REBOUND], row[BRAKING] = -w[V, m] / speed, w[NOW, m] / speed
+            row[HARDEST], row[PUSHING] = w[PEAKS, m] / speed, w[LASTED, m]
+            row[DURATION] = w[T, m] if w[STATE, m] == OVER else math.nan
+
+
+@kernel
+def quantity_of(terms, upper, cell, quantity, u):
+    """A quantity of a contact at the place u in a cell."""
+    found = terms[upper, cell, quantity, TERMS - 1]
+    for k in range(TERMS - 2, -1, -1):
+        found = terms[upper, cell, quantity, k] + u * found
+    return found
+
+
+@kernel
+def pass_known_contact(pair, upper, span, scene, tally):
+    """Let the lane in the workspace, which touches a stop, begin where that contact ended, if it is
+    known and ends in the step; returns what is left, s, or -1 where it is to be integrated."""
+    known, work, sums = scene.known, scene.work, tally.sums
+    gaps, side, terms = work.gaps, 2.0 * upper - 1.0, known.terms
+    w = side * gaps[V0, pair]
+    place = (math.log(w) - known.first) * known.per_cell if w > 0.0 else -1.0
+    if not 0.0 <= place < terms.shape[1]:
+        return -1.0
+    cell = int(place)
+    u = place - cell
+    lasted = quantity_of(terms, upper, cell, DURATION, u)
+    if not lasted < span:
+        return -1.0
+    back = w * quantity_of(terms, upper, cell, REBOUND, u)
+    row, lane = ROWS_OF_PAIR + ROWS_OF_STOP * upper, tally.lane
+    sums[pair, row + IMPULSE, lane] += w * quantity_of(terms, upper, cell, BRAKING, u)
+    lossy = scene.stops.lossy[pair, upper]
+    sums[pair, row + LOSS, lane] += 0.5 * (w - back) * (w + back) if lossy else 0.0
+    sums[pair, row + TIME, lane] += quantity_of(terms, upper, cell, PUSHING, u)
+    sums[pair, row + PEAK, lane] += w * quantity_of(terms, upper, cell, HARDEST, u)
+    sums[pair, row + ENDED, lane] += 1.0
+    move_starts(gaps, lasted, span)
+    change, moved = -side * back - gaps[V0, pair], scene.stops.places[pair, upper] - gaps[Y0, pair]
+    add_jump(pair, change, moved, span - lasted, scene.responses, None, work)
+    gaps[Y0, pair], gaps[V0, pair] = scene.stops.places[pair, upper], -side * back
+    return span - lasted
+
+
+# ------------------------------------------------------------------------------
+# Many lanes side by side.
+#
+# Each lane in which a stop may be reached goes on by itself, through impacts on rigid stops
+# (`contacts.until_contact`) and contacts that are known. It waits where it touches another
+# compliant stop. In rounds, all contacts with stops whose laws are of one class are integrated side
+# by side (`sub_steps`), and their lanes go on. Some lanes finish their step alone, with the same
+# equations: those that rest on a stop, those whose stop rubs, and those in which another stop may
+# be reached during the contact.
+# ------------------------------------------------------------------------------
+
+
 MOST_ROUNDS = 50
 """Largest number of touches of a lane in a step; a lane with more finishes alone."""
 
@@ -106,7 +288,8 @@ class Scene(NamedTuple):
     Parameters
     ----------
     step : s.
-    stops, laws, responses : `Stops`, `functions_of` the classes of laws, and `Responses`.
+    stops, laws, responses, known : `Stops`, `functions_of` the classes of laws, `Responses` and
+        `Known`.
     work : `Workspace`, overwritten.
     ends : `Ends`, of which the values y1 are changed.
     new : (states, lanes), states at the end of the step, changed.
@@ -121,6 +304,7 @@ class Scene(NamedTuple):
     stops: Stops
     laws: NDArray[np.int64]
     responses: Responses
+    known: Known
     work: Workspace
     ends: Ends
     new: NDArray[np.float64]
@@ -209,14 +393,16 @@ def finish_lane(lane, span, touches, scene, fastest):
 
 @kernel
 def go_on(lane, span, touches, scene):
-    """Let a lane go on until it is home, or touches a compliant stop; returns that stop, what is
-    left of the step, and the number of touches."""
+    """Let a lane go on until it is home, or touches a stop in a contact that is not known; returns
+    that stop, what is left of the step, and the number of touches."""
     page = page_of(scene.log, scene.first_path + lane, scene.number, scene.step)
-    tally = borrowed(tally_of(lane, scene))
-    pair, upper, span, touches = until_contact(
-        scene.step, span, touches, scene.stops, scene.laws, scene.responses, None, scene.work,
-        tally, borrowed(page),
-    )  # fmt: skip
+    tally, pair, upper, left = borrowed(tally_of(lane, scene)), NO_PAIR, 0, span
+    while left >= 0.0:
+        pair, upper, span, touches = until_contact(
+            scene.step, left, touches, scene.stops, scene.laws, scene.responses, None, scene.work,
+            tally, borrowed(page),
+        )  # fmt: skip
+        left = -1.0 if pair == NO_PAIR else pass_known_contact(pair, upper, span, scene, tally)
     if pair == NO_PAIR and touches > 0:  # without, it moves as if there were no stops
         go_home(lane, scene, tally)
     return pair, upper, span, touches

@@ -18,7 +18,6 @@ from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import LENGTH
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
-from stochvi.methods.monte_carlo.modal_tables import plan_modal_contacts
 from stochvi.methods.periodic.resonance import HarmonicResonance
 from stochvi.model.coverage import beyond_one_oscillator, functions, scattered
 from stochvi.model.model import Model, model_of
@@ -373,8 +372,7 @@ def perturbations(
     deadline = Deadline.after(budget)
     sine = _check(scene, speeds, paths, duration)
     model = model_of(scene)
-    planned = plan_modal if model.pairs[0].rigid else plan_modal_contacts
-    plan = planned(model, 0.0, None)
+    plan = plan_modal(model, 0.0, None)
     free = plan_modal(replace(model, pairs=()), 0.0, None)
     period = 1.0 / sine.frequency_hz
     window = WINDOW_PERIODS * period

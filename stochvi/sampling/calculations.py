@@ -127,10 +127,9 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
 # ------------------------------------------------------------------------------
 # A path that takes long is given up once its answer is due, as its kernel looks at a flag.
 #
-# Every kernel that advances paths (`run_white`, `run_contacts`, `run_modes`,
-# `run_missions`) looks at it in every step or every other one. A path that is given up leaves no
-# result, so that no number depends on the clock. Blocks of `simulate` are cut in time before that
-# (`choose_plan.go_on`), and their paths end between two steps.
+# Every kernel that advances paths (`run_white`, `run_modes`) looks at it in every step. A path that
+# is given up leaves no result, so that no number depends on the clock. Blocks of `simulate` are cut
+# in time before that (`choose_plan.go_on`), and their paths end between two steps.
 # ------------------------------------------------------------------------------
 
 

@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.white import plan_compliant
 from stochvi.model.model import model_of
 from support import CHECKOUT
 from support.known import oscillator
@@ -39,7 +38,7 @@ def averages() -> dict[str, list[float]]:
     short = replace(make_plan(model_of(isolator(0.002)), None, 0.5), burn_in=0.1)
     found["rigid: response domain"] = short.averages(3, 0, 3)
     for name, case in SOFT.items():
-        plan = plan_compliant(model_of(case), None, 4.0).with_step(0.25)
+        plan = make_plan(model_of(case), None, 4.0).with_step(0.25)
         found[f"soft: {name}"] = replace(plan, burn_in=0.5).averages(3, 0, 3)
     for name, (law, beside) in COMPANY.items():
         plan = make_plan(model_of(bumpered_mount(law, sigmas=0.5, beside=beside)), 0.0, 0.3)

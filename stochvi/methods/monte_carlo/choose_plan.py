@@ -34,7 +34,6 @@ from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_tables import (
     _block_length,
     _streams,
-    plan_modal_contacts,
     plan_modal_tables,
     seconds_of_plan,
 )
@@ -62,7 +61,7 @@ from stochvi.methods.monte_carlo.synthesis import (
     _even_fast_length,
     _filtered,
 )
-from stochvi.methods.monte_carlo.white import plan_compliant, plan_white, with_linear_part_at_stops
+from stochvi.methods.monte_carlo.white import plan_white, with_linear_part_at_stops
 from stochvi.model.coverage import (
     beyond_one_oscillator,
     free_motion,
@@ -434,11 +433,9 @@ def make_plan(
             "give tables of fewer lines"
         )
     another = model.tables or model.drawn or model.branches or _one_mass_falls(model)
-    if another or without_energy(model) or beyond_one_oscillator(model):
+    if another or model.summed or without_energy(model) or beyond_one_oscillator(model):
         return plan_several(model, speed_threshold, duration, slow_impacts)
-    if model.rigid:
-        return plan_white(model, speed_threshold, duration, slow_impacts, corner_share)
-    return plan_compliant(model, speed_threshold, duration, slow_impacts)
+    return plan_white(model, speed_threshold, duration, slow_impacts, corner_share)
 
 
 def _one_mass_falls(model: Model) -> bool:
@@ -459,8 +456,6 @@ def plan_several(
     plan: ModalPlan
     if model.tables or model.drawn or model.sampled_modulations:
         plan = plan_modal_tables(model, threshold, duration)
-    elif model.summed:
-        plan = plan_modal_contacts(model, threshold, duration)
     else:
         plan = plan_modal(model, threshold, duration)
     return plan.resolving_slow_impacts() if slow_impacts else plan

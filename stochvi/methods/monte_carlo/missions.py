@@ -5,48 +5,43 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from stochvi.engine.impact_laws import Restitution
-from stochvi.mathematics.numerics import Vector
-from stochvi.methods.monte_carlo.kernels.one_mass import (
-    FORCE,
-    HAPPENED,
-    IMPACT,
-    NOTHING,
-    PASSAGE,
-    run_missions,
-)
-from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs, seed_streams
+from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.methods.monte_carlo.choose_plan import plan_several
+from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
+from stochvi.methods.monte_carlo.modal import ModalPlan
 from stochvi.methods.monte_carlo.plan import RELAXATIONS
-from stochvi.methods.monte_carlo.white import (
-    MOST_STEPS,
-    StopsOfMass,
-    WhitePlan,
-    _flow,
-    kick_over,
-    plan_compliant,
-    plan_white,
-    stops_of_mass,
-)
-from stochvi.model.model import LOWER, UPPER, Model
+from stochvi.methods.monte_carlo.white import MOST_STEPS
+from stochvi.model.model import LOWER, UPPER, Model, Pair, Stop
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import binomial_interval, logarithmic_interval, mean_and_error
 from stochvi.results.files import thread_seconds
-from stochvi.sampling.calculations import LANES, GivenUp, check_flag, given_up_after, stop_flag
-from stochvi.scenes.impact_laws import CompliantLaw
+from stochvi.sampling.calculations import LANES, GivenUp, given_up_after
+from stochvi.scenes.impact_laws import CompliantLaw, Restitution
 
 Start = Literal["rest", "stationary"]
 """How a mission begins: at rest, or in the stationary motion."""
 
+OVER, AT_LEVEL, HAPPENED = range(3)
+"""How a path ended: its time is over, it reached the level, or the event happened."""
+
+Kind = Literal["passage", "impact", "force", "nothing"]
+"""Events: the mass passes a barrier; it hits a stop at a given speed or faster; the force of a stop
+exceeds its limit; there is no event."""
+
 MISSION_ANGLE = 0.4
 """Largest omega h of a step (rad). The probability P of a passage of 3 standard deviations within
 10 periods at a damping ratio of 0.05 then has a relative error below 0.2 %."""
+
+TOGETHER = 64
+"""Largest number of steps that paths make before those that have ended make room for others."""
 
 CLIMB_RELAXATIONS = 6.0
 """Length of the stationary motion that is simulated before a mission, in time constants of the
@@ -79,26 +74,42 @@ NEEDS_FORCE = (
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """The event that ends a mission, a failure for example.
+    """The event that ends a mission, a failure for example; `limit` are the forces per unit mass
+    (m/s^2) of the lower and the upper stop that one of the `kind` "force" exceeds."""
 
-    `kind` is one of the kernel's events; `limit` a speed (m/s), or forces per unit mass (m/s^2) of
-    the lower and the upper stop.
-    """
-
-    kind: int
+    kind: Kind
     limit: tuple[float, float] = (0.0, 0.0)
 
 
 class Fleet(NamedTuple):
-    """Paths of missions: state, steps left, largest energy, how each ended, impacts, streams."""
+    """Paths of missions.
 
-    x: Vector
-    v: Vector
-    left: Vector
+    Parameters
+    ----------
+    state, streams
+        State of the plan (states, paths), and random streams (2, paths).
+    left, hits
+        (paths,): steps left; impacts in the counted steps.
+    top
+        (paths,): largest E2 so far, which is twice the energy in modal coordinates without that
+        stored in a stop; infinite where the event happened.
+    how
+        (paths,): OVER, AT_LEVEL or HAPPENED.
+    """
+
+    state: Matrix
+    streams: NDArray[np.uint64]
+    left: NDArray[np.int64]
     top: Vector
     how: NDArray[np.int64]
     hits: Vector
-    streams: NDArray[np.uint64]
+
+    @classmethod
+    def at(cls, state: Matrix, streams: NDArray[np.uint64], left: int) -> Fleet:
+        """Paths at their start, in which the event has not happened."""
+        paths = state.shape[1]
+        how, top, hits = np.full(paths, OVER), np.zeros(paths), np.zeros(paths)
+        return cls(state, streams, np.full(paths, left), top, how, hits)
 
     @property
     def happened(self) -> NDArray[np.bool_]:
@@ -107,46 +118,55 @@ class Fleet(NamedTuple):
 
     def chosen(self, paths: NDArray[Any]) -> Fleet:
         """A copy of the paths with these numbers or under this mask; numbers may repeat."""
-        return Fleet(
-            x=self.x[paths],
-            v=self.v[paths],
-            left=self.left[paths],
-            top=self.top[paths],
-            how=self.how[paths],
-            hits=self.hits[paths],
-            streams=np.ascontiguousarray(self.streams[:, paths]),
-        )
+        fields: list[Any] = [np.ascontiguousarray(each[..., paths]) for each in self]
+        return Fleet(*fields)
+
+    def put(self, paths: NDArray[np.intp], others: Fleet) -> None:
+        """Write others in the place of the paths with these numbers."""
+        for own, new in zip(self, others, strict=True):
+            own[..., paths] = new
 
 
 @dataclass(frozen=True, kw_only=True)
 class MissionPlan:
-    """Steps and start of missions of one scene (SI units, per unit mass).
+    """Steps and start of missions of one scene (SI units).
 
     Parameters
     ----------
     base
-        The plan for the scene, without stops where there are barriers.
-    stops
-        Stops or barriers for the kernel.
+        The plan for the scene, whose speed threshold is that of the impacts that count. Barriers
+        are rigid stops.
     counted, before
         Steps of a mission, and of the motion before it in which energies above a level count.
     settled
-        Steps before these, in which a motion between inelastic stops becomes stationary.
+        Steps before these, in which a motion between stops becomes stationary.
     """
 
-    base: WhitePlan
+    base: ModalPlan
     event: Event
     start: Start
     mission: float
     counted: int
     before: int
     settled: int
-    stops: StopsOfMass
 
     @property
     def step(self) -> float:
         """Time step, s."""
         return self.mission / self.counted
+
+    @cached_property
+    def plan(self) -> ModalPlan:
+        """The plan of the counted steps."""
+        return self.base.with_step(self.step)
+
+    @cached_property
+    def plan_before(self) -> ModalPlan:
+        """The plan of the steps before: barriers act in the counted steps only."""
+        if self.event.kind != "passage":
+            return self.plan
+        free = replace(self.base.model, pairs=())
+        return replace(self.plan, model=free, pairs=())
 
     @property
     def steps_per_path(self) -> int:
@@ -155,63 +175,83 @@ class MissionPlan:
 
     def coarser(self) -> MissionPlan:
         """The same missions at twice the step, to measure the bias of the step."""
-        return replace(
-            self,
-            counted=max(1, round(self.counted / 2)),
-            before=math.ceil(self.before / 2),
-            settled=math.ceil(self.settled / 2),
-        )
+        counted = max(1, round(self.counted / 2))
+        before, settled = math.ceil(self.before / 2), math.ceil(self.settled / 2)
+        return replace(self, counted=counted, before=before, settled=settled)
 
     def fleet(self, seed: int, first_path: int, paths: int) -> Fleet:
         """Paths at their start, whose streams depend on seed and path number alone."""
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(seed), first_path, streams)
-        left = np.full(paths, float(self.counted + self.before))
-        if self.start == "stationary":
-            x, v = self.base._start(streams)
-        else:
-            # a step is half a kick, a flow and half a kick; the kernel begins with the second half
-            first, second = np.empty((2, paths))
-            normal_pairs(streams[0], streams[1], first, second)
-            spread = kick_over(self.base.model, 0.5 * self.step).spread
-            _, cosine, sine, _ = _flow(self.base.model, self.step)
-            x, v = sine * spread * first, cosine * spread * first
-            left -= 1.0
-        fleet = _at(x, v, left, streams)
+        left = self.counted + self.before
+        if self.start == "rest":
+            return Fleet.at(self.plan.after_first_step(streams), streams, left - 1)
+        fleet = Fleet.at(self.plan_before.start(streams), streams, self.settled)
         if self.settled:
-            fleet = fleet._replace(left=np.full(paths, float(self.settled)))
             self.advance(fleet, math.inf, NO_EVENT)
-            fleet = _at(fleet.x, fleet.v, left, streams)
-        return fleet
+        return Fleet.at(fleet.state, streams, left)
 
     def advance(self, fleet: Fleet, level: float, event: Event | None = None) -> int:
         """Simulate the paths that have steps left, in place, until their event, the level or their
         end; returns the number of steps made. `GivenUp` if the flag of this thread is set."""
-        event = event or self.event
-        steps = run_missions(
-            fleet, kick_over(self.base.model, self.step), _flow(self.base.model, self.step),
-            self.stops.for_kernel, event.kind, event.limit, self.base.threshold,
-            float(self.counted), level, stop_flag(),
+        event, steps = event or self.event, 0
+        on = np.flatnonzero(fleet.left > 0)
+        flying = fleet.chosen(on)
+        flying.hits[:] = 0.0
+        flying.top[:] = self._energy(flying.state)
+        flying.how[:] = np.where(flying.top >= level, AT_LEVEL, OVER)
+        ended = flying.top >= level
+        while True:
+            if ended.any():
+                fleet.put(on[ended], flying.chosen(ended))
+                on, flying = on[~ended], flying.chosen(~ended)
+            if not len(on):
+                return steps
+            counts = flying.left <= self.counted
+            if counts.all() or not counts.any():
+                steps += self._fly(flying, level, event, bool(counts[0]))
+            else:
+                for paths, which in (
+                    (np.flatnonzero(~counts), False),
+                    (np.flatnonzero(counts), True),
+                ):
+                    part = flying.chosen(paths)
+                    steps += self._fly(part, level, event, which)
+                    flying.put(paths, part)
+            ended = (flying.how != OVER) | (flying.left == 0)
+
+    def _fly(self, part: Fleet, level: float, event: Event, counts: bool) -> int:
+        """Simulate paths on, in place, for TOGETHER steps at most, all of which are counted or
+        before those that are; returns the number of steps made."""
+        plan, most = (
+            (self.plan, part.left) if counts else (self.plan_before, part.left - self.counted)
+        )
+        beyond = np.zeros(len(part.left), bool)
+        if event.kind == "passage" and counts:
+            y, (lower, upper) = self.plan.gaps_of(part.state)[0], self.plan.places[0]
+            beyond = (y < lower) | (y > upper)
+        end = plan.fly_until(
+            part.state, part.streams, np.minimum(most, TOGETHER), level,
+            impacts=counts and event.kind in ("passage", "impact"),
+            forces=event.limit if counts and event.kind == "force" else None,
         )  # fmt: skip
-        check_flag()
-        return int(steps)
+        happened = beyond | end.happened
+        part.state[:], part.streams[:] = end.state, end.streams
+        part.left[:] -= end.steps
+        part.hits[:] += end.seen if counts else 0.0
+        part.top[:] = np.where(happened, math.inf, np.maximum(part.top, end.top))
+        reached = self._energy(end.state) >= level
+        part.how[:] = np.where(happened, HAPPENED, np.where(reached, AT_LEVEL, OVER))
+        return int(end.steps.sum())
+
+    def _energy(self, state: Matrix) -> Vector:
+        """E2 of states."""
+        n, squares = self.base.modes.size, self.base.modes.squares
+        found: Vector = np.sum(state[n : 2 * n] ** 2, axis=0) + squares @ state[:n] ** 2
+        return found
 
 
-def _at(x: Vector, v: Vector, left: Vector, streams: NDArray[np.uint64]) -> Fleet:
-    """Paths at their start, in which the event has not happened."""
-    paths = len(x)
-    return Fleet(
-        x=x,
-        v=v,
-        left=left,
-        top=np.zeros(paths),
-        how=np.zeros(paths, np.int64),
-        hits=np.zeros(paths),
-        streams=streams,
-    )
-
-
-NO_EVENT = Event(kind=NOTHING)
+NO_EVENT = Event(kind="nothing")
 """The event that never happens: impacts are counted until the time is over."""
 
 
@@ -219,14 +259,14 @@ def passage_plan(
     model: Model, lower: float | None, upper: float | None, mission: float, start: Start
 ) -> MissionPlan:
     """First passage of barriers (m), which replace the stops of the model and end a mission."""
-    base = plan_white(replace(model, pairs=()), None, None)
-    barriers = {
-        which: (at - model.rest, Restitution(1.0))
-        for which, at in enumerate((lower, upper))
-        if at is not None
-    }
-    stops = StopsOfMass(laws=barriers, stiffness=model.omega**2, speed=1.0, longest=base.step)
-    return _plan(base, Event(kind=PASSAGE), start, mission, stops)
+    ends = ((LOWER, lower), (UPPER, upper))
+    law = Restitution(coefficient=1.0)
+    stops = tuple(Stop(side, at, law) for side, at in ends if at is not None)
+    pair = Pair("barrier", np.ones(1), model.unit_mass, False, stops)
+    base = plan_several(replace(model, pairs=(pair,)), 0.0, None)
+    free = plan_several(replace(model, pairs=()), None, None)
+    base = replace(base, law=free.law, burn_in=free.burn_in, step=min(base.step, free.step))
+    return _plan(base, Event(kind="passage"), start, mission)
 
 
 def impact_plan(
@@ -234,10 +274,9 @@ def impact_plan(
 ) -> MissionPlan:
     """The plan for impacts at `speed` (m/s) or faster, by default the speed threshold of the
     rates."""
-    base = _base(model)
-    limit = base.threshold if speed is None else speed
-    event = Event(kind=IMPACT, limit=(limit, limit))
-    return _plan(base, event, start, mission, speed=limit)
+    base = _base(model, speed)
+    (limit,) = base.layout.thresholds.values()
+    return _plan(base, Event(kind="impact"), start, mission, speed=limit)
 
 
 def acceleration_plan(
@@ -257,9 +296,8 @@ def acceleration_plan(
         force = _force_at(law, stop.side * (stop.position - model.rest), model, acceleration)
         limits[stop.side] = force
         speeds.append(math.sqrt(2.0 * float(law.potential_at(law.deflection_at(force)))))
-    speed = max(speeds)
-    event = Event(kind=FORCE, limit=(limits[LOWER], limits[UPPER]))
-    return _plan(base, event, start, mission, speed=speed)
+    event = Event(kind="force", limit=(limits[LOWER], limits[UPPER]))
+    return _plan(base, event, start, mission, speed=max(speeds))
 
 
 def _force_at(law: CompliantLaw, distance: float, model: Model, acceleration: float) -> float:
@@ -274,35 +312,25 @@ def _force_at(law: CompliantLaw, distance: float, model: Model, acceleration: fl
     return float(scipy.optimize.brentq(excess, 0.0, most)) if excess(0.0) < 0.0 else 0.0
 
 
-def _base(model: Model) -> WhitePlan:
+def _base(model: Model, speed: float | None = None) -> ModalPlan:
+    """The plan of the motion between the stops; `speed` is that of the slowest impact that counts,
+    m/s."""
     if not model.stops:
         raise NotApplicable("reliability", ["impacts need a stop, got a scene without impact_pair"])
-    if model.summed:
-        return plan_compliant(model, None, None)
-    return plan_white(model, None, None)
+    return plan_several(model, speed, None)
 
 
 def settling_time(model: Model) -> float:
     """Seconds of stationary motion with stops that are simulated before a mission."""
-    return _settling(_base(model))
-
-
-def _settling(base: WhitePlan) -> float:
-    """Seconds until a path that does not start in the stationary state itself is stationary."""
-    return CLIMB_RELAXATIONS / RELAXATIONS * base.burn_in if base.elastic else base.burn_in
+    return _base(model).burn_in
 
 
 def _plan(
-    base: WhitePlan,
-    event: Event,
-    start: Start,
-    mission: float,
-    stops: StopsOfMass | None = None,
-    speed: float = 0.0,
+    base: ModalPlan, event: Event, start: Start, mission: float, speed: float = 0.0
 ) -> MissionPlan:
     """Steps that divide the mission evenly, short enough for impacts at a speed (m/s)."""
     model = base.model
-    step = min(base.step, MISSION_ANGLE / model.omega) if model.omega else base.step
+    step = min(base.step, MISSION_ANGLE / model.omega)
     if speed > 0.0:
         step = min(step, _longest_for_speed(base, speed))
     if mission > MOST_STEPS * step:
@@ -312,34 +340,30 @@ def _plan(
              f"{MOST_STEPS:.0g} are made: ask for a shorter mission"],
         )  # fmt: skip
     counted = max(LEAST_STEPS, math.ceil(mission / step))
-    settling = climb = _settling(base) if start == "stationary" else 0.0
-    if mission < settling:
-        climb = min(settling, max(mission, SHORT_CLIMB / RELAXATIONS * base.burn_in))
+    settling = climb = base.burn_in if start == "stationary" else 0.0
+    relaxation = base.burn_in / RELAXATIONS
+    if start == "stationary":
+        climb = CLIMB_RELAXATIONS * relaxation
+        climb = min(climb, max(mission, SHORT_CLIMB * relaxation)) if mission < climb else climb
     before = math.ceil(climb * counted / mission)
-    # without losses at stops the start is drawn from the stationary distribution
-    settled = 0 if base.elastic else math.ceil((settling - climb) * counted / mission)
+    # without stops the start is drawn from the stationary distribution
+    settling = 0.0 if event.kind == "passage" else max(settling - climb, 0.0)
     return MissionPlan(
-        base=base,
-        event=event,
-        start=start,
-        mission=mission,
-        counted=counted,
-        before=before,
-        settled=settled,
-        stops=stops or stops_of_mass(model, base.speed, base.step),
-    )
+        base=base, event=event, start=start, mission=mission, counted=counted, before=before,
+        settled=math.ceil(settling * counted / mission),
+    )  # fmt: skip
 
 
-def _longest_for_speed(base: WhitePlan, speed: float) -> float:
+def _longest_for_speed(base: ModalPlan, speed: float) -> float:
     """Longest step, s, for impacts at a speed (m/s)."""
     model = base.model
-    longest, flight = math.inf, math.pi / model.omega if model.omega else math.inf
+    longest, flight = math.inf, math.pi / model.omega
     if len(model.stops) == 2:
         flight = (model.upper_position - model.lower_position) / speed
         longest = GAP_PER_STEP * flight
     if base.elastic:
         return longest
-    share = math.sqrt(RARE_BIAS / BIAS_OF_SHARE) * base.speed / speed
+    share = math.sqrt(RARE_BIAS / BIAS_OF_SHARE) * base.pairs[0].speed / speed
     return min(longest, share * flight)
 
 
@@ -492,7 +516,7 @@ def copies(
 ) -> Fleet:
     """The same number of paths, copied from those that reached the level, each with a new
     stream."""
-    paths, survivors = len(fleet.x), len(reached)
+    paths, survivors = len(fleet.left), len(reached)
     extra = random.permutation(reached)[: paths % survivors]
     chosen = np.concatenate([np.repeat(reached, paths // survivors), extra])
     streams = np.empty((2, paths), np.uint64)
@@ -507,7 +531,7 @@ def _hits_of(plan: MissionPlan, fleet: Fleet) -> tuple[Vector, int]:
     number of steps made."""
     chosen = fleet.happened
     rest = fleet.chosen(chosen)
-    rest = rest._replace(left=np.abs(rest.left), hits=np.zeros(len(rest.x)))
+    rest = rest._replace(left=np.abs(rest.left), hits=np.zeros(len(rest.left)))
     steps = plan.advance(rest, math.inf, NO_EVENT)
     return fleet.hits[chosen] + rest.hits, steps
 

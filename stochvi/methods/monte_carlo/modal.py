@@ -1,4 +1,4 @@
-"""Structures of several modes with rigid stops: the plan."""
+"""The plan of structures of any number of modes with any stops, without tabulated noise."""
 
 from __future__ import annotations
 
@@ -15,8 +15,16 @@ from numpy.typing import NDArray
 from stochvi.engine.arithmetic import NO_RECORD, Log
 from stochvi.engine.calls import Characteristics, Statistics, Stops, functions_of, stops_of
 from stochvi.engine.compliant_contacts import MOST_SWEEPS
-from stochvi.engine.parts import Affine
-from stochvi.engine.sub_steps import MOMENTS, MOST_TERMS, Responses, responses_of
+from stochvi.engine.parts import Affine, rate
+from stochvi.engine.sub_steps import (
+    CONTACT_ANGLE,
+    MOMENTS,
+    MOST_TERMS,
+    Responses,
+    responses_of,
+)
+from stochvi.engine.together import FASTEST, NOT_KNOWN, Known, known_contacts
+from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import square_root, step_covariance, transition
 from stochvi.methods.monte_carlo.kernels.modes import (
@@ -28,6 +36,7 @@ from stochvi.methods.monte_carlo.kernels.modes import (
     SmoothResponse,
     Steps,
     Table,
+    Until,
     run_modes,
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
@@ -36,6 +45,7 @@ from stochvi.methods.monte_carlo.plan import (
     Histories,
     Key,
     Layout,
+    Records,
     Statistic,
     SteppedPlan,
     Underway,
@@ -48,9 +58,11 @@ from stochvi.methods.monte_carlo.plan import (
     key_of_statistic,
     losses_of,
     lossiest,
+    normals_of_steps,
     refines_near_stops,
     statistics_of,
 )
+from stochvi.methods.monte_carlo.synthesis import MOST_SUB_STEPS
 from stochvi.methods.monte_carlo.white import (
     BOUNCE_PER_STEP,
     COARSE_SHARE,
@@ -65,9 +77,9 @@ from stochvi.methods.monte_carlo.white import (
     longest_at_stops,
     longest_between_stops,
 )
-from stochvi.model.coverage import Settling, compliant, slowest_of, without_noise
+from stochvi.model.coverage import Settling, slowest_of, without_noise
 from stochvi.model.modal import LinearLaw, ModalForm, linear_law
-from stochvi.model.model import UPPER, Model, Pair, not_stationary
+from stochvi.model.model import UPPER, Model, Pair, Stop, not_stationary
 from stochvi.model.scales import (
     Motion,
     PairScale,
@@ -80,14 +92,23 @@ from stochvi.model.scales import (
 )
 from stochvi.results.errors import NotApplicable
 from stochvi.sampling.calculations import check_flag, stop_flag
+from stochvi.scenes.impact_laws import CompliantLaw
 
 LARGEST_ANGLE = 0.4
 """Largest omega h of a step (rad) for the fastest mode or signal, if any step is free of bias: the
 quintic that finds impacts and the Taylor series then have relative errors below 1e-7."""
 
+ANGLE_OF_ONE_MODE = 0.6
+"""The same of one mode with compliant stops, whose bias states these errors (`relative_bias` of its
+plan)."""
+
 LONGEST_FLOW = 2.0
 """Largest norm of the generator times the step (dimensionless) at which the series converges and
 quintics find impacts: their errors are below (omega h)^6 / 46080 of an amplitude."""
+
+FARTHEST_REST = 1e10
+"""Largest distance of a rest position under loads from that without, in standard deviations: of the
+motion six digits are then left beside it."""
 
 MOST_MODAL_STEPS = MOST_STEPS / 4.0
 """Largest number of steps of one path: a step takes longer than that of one oscillator."""
@@ -135,6 +156,31 @@ SUMS_OF_PART = ("impulse", "virial", "work")
 """Names of the sums of a spring or damper that is a function, by `kick_all` of its kernel: the
 force that the linear structure leaves out, that times the displacement, and its work."""
 
+SUMS_OF_CONTACT_PAIR = (
+    *SUMS_OF_PAIR,
+    *(
+        f"{name}_{side}"
+        for side in ("lower", "upper")
+        for name in ("force", "loss", "peak", "contact", "ended")
+    ),
+)
+"""Names of the sums over the impacts and the contacts of a pair, with either stop: impulse, work
+lost, the peak forces of ended contacts, the time in contact, and the number of ended contacts, slow
+ones included. Forces and powers are per unit of the reduced mass. There are ROWS_OF_CONTACT_PAIR
+of them."""
+
+CONTACT_ENERGY = 2e-6
+"""Relative error of the energy of a structure by a contact with a stop that loses nothing: the mean
+over contacts with linear, Hertzian and tabulated stops of all stiffnesses was 1.2e-6 at most."""
+
+CURVE_ENERGY = 3e-4
+"""The same by the quintic between the ends of a step, over (omega h)^6: of one mode on linear,
+Hertzian and tabulated stops of all stiffnesses it was 1.3e-5 at most at omega h = 0.6."""
+
+CONTACT_FRICTION = 4e-3
+"""Relative bias of a motion with friction at compliant stops: paths of 12 s with 20 to 30 contacts
+were off by at most 3.4e-3 of their largest displacement, against an integrator by events."""
+
 RUBBING = "rubbing"
 """Name of the power that friction at the stops of a pair takes beyond their restitution, per unit
 of the reduced mass, m^2/s^3."""
@@ -157,11 +203,77 @@ class ModalPlan(SteppedPlan):
     statistics: Mapping[str, Statistic] = field(default_factory=dict)
     slow_impacts: bool = False
 
-    method = "kick-flow-kick in modal coordinates"
-    contacts = False
-    excitation_known = False
     coarse_share = COARSE_SHARE
-    sums_of_pair = SUMS_OF_PAIR
+
+    @property
+    def method(self) -> str:
+        """Name of the scheme, for the assumptions of a response."""
+        if not self.contacts:
+            return "kick-flow-kick in modal coordinates"
+        way = "kick-flow-kick" if self.modes.kicked else "exact steps"
+        return f"{way} in modal coordinates, contacts integrated in sub-steps"
+
+    @property
+    def excitation_known(self) -> bool:
+        """Whether histories hold the excitation: white noise that alone moves one mode."""
+        modes, model = self.modes, self.model
+        alone = not (len(modes.signals) or modes.branches or model.functions or self.merged)
+        return modes.size == 1 and modes.kicked and alone
+
+    def white_noise(self, seed: int, first_path: int, paths: int) -> Matrix:
+        """White noise (steps, paths) per unit mass, as the mean over the step after each sample."""
+        drawn = normals_of_steps(seed, first_path, paths, self.steps, None)
+        return math.sqrt(float(self.modes.white[0, 0]) / self.model.unit_mass / self.step) * drawn
+
+    @property
+    def contacts(self) -> bool:
+        """Whether impacts on a stop are summed one by one; pairs then have SUMS_OF_CONTACT_PAIR."""
+        return self.model.summed
+
+    @property
+    def sums_of_pair(self) -> tuple[str, ...]:
+        """Names of the sums over impacts and contacts of a pair."""
+        return SUMS_OF_CONTACT_PAIR if self.contacts else SUMS_OF_PAIR
+
+    @property
+    def relative_bias(self) -> float:
+        """Relative bias of contacts in sub-steps, curves in steps, and friction.
+
+        Errors of the energy add up for as long as it is remembered.
+        """
+        if not self.contacts:
+            return 0.0
+        soft = any(
+            stop.law.friction_coefficient and not stop.rigid
+            for pair in self.model.pairs
+            for stop in pair.stops
+        )
+        of_a_contact = CONTACT_ENERGY + CURVE_ENERGY * (self.modes.fastest * self.step) ** 6
+        return of_a_contact * self.hits_in_a_cluster + (CONTACT_FRICTION if soft else 0.0)
+
+    def _known_contacts(self, stops: Stops, responses: Responses) -> Known:
+        """The contacts of one mode, in which no noise acts, by the speed of their touch."""
+        model, modes = self.model, self.modes
+        alone = modes.size == len(self._ways) == 1 and not (len(modes.signals) or modes.branches)
+        if not (self.contacts and alone and modes.kicked) or model.tables or model.moves_stops:
+            return NOT_KNOWN
+        (pair,), (scale,) = model.pairs, self.pairs
+        hardest = scale._replace(speed=FASTEST * scale.speed)
+        rates = [rate_of_contact(pair, stop, hardest) for stop in pair.stops if not stop.rigid]
+        laws = functions_of(self._stops[1], lanes=True)
+        return known_contacts(
+            stops, laws, responses, scale.speed, self.step, float(modes.squares[0]),
+            math.hypot(modes.fastest, *rates),
+        )  # fmt: skip
+
+    @cached_property
+    def _fastest_of_contacts(self) -> float | None:
+        """Fastest rate of the structure in contacts, rad/s; None where all stops are rigid."""
+        if not self.contacts:
+            return None
+        if self.modes.kicked:
+            return self.modes.fastest
+        return max(self.modes.fastest, float(np.linalg.eigvalsh(self.modes.damping)[-1]))
 
     @property
     def modes(self) -> ModalForm:
@@ -434,7 +546,7 @@ class ModalPlan(SteppedPlan):
         """Averages over the samples of moments, per second of what pairs add up, and over the steps
         of products of noise."""
         found = sums / samples
-        of_pairs = self._of_pairs(sums).reshape(-1, sums.shape[1])
+        of_pairs = self.of_pairs(sums).reshape(-1, sums.shape[1])
         found[self._rows_of_pairs] = of_pairs / (steps * self.step)
         found[self._rows_of_friction] = sums[self._rows_of_friction] / (steps * self.step)
         found[self._rows_of_parts] = sums[self._rows_of_parts] / (steps * self.step)
@@ -495,30 +607,69 @@ class ModalPlan(SteppedPlan):
         """Functions of the motion that are averaged, for the kernel."""
         return statistics_of(self.statistics, self.model, self._half_kick)
 
-    @property
-    def _fastest_of_contacts(self) -> float | None:
-        """Fastest rate of the structure in contacts, rad/s; None, as all stops are rigid."""
-        return None
-
     def counts(self, state: Matrix, streams: NDArray[np.uint64], steps: int) -> NDArray[np.float64]:
         """Simulate the paths on for `steps` steps: impacts of each pair on its stops (pairs, 2,
         paths).
 
         `state` (states, paths) and `streams` (2, paths) are replaced by those at the end.
         """
-        sums = self.simulate_on(state, streams, steps)
-        return self._of_pairs(sums)[
+        sums = self.fly(state, streams, steps).sums
+        return self.of_pairs(sums)[
             :, [self.sums_of_pair.index("n_lower"), self.sums_of_pair.index("n_upper")]
         ]
 
-    def simulate_on(self, state: Matrix, streams: NDArray[np.uint64], steps: int) -> Matrix:
-        """Simulate the paths on for `steps` steps: the sums of the kernel (rows, paths).
+    def fly(self, state: Matrix, streams: NDArray[np.uint64], steps: int) -> ModalPaths:
+        """Simulate the paths on for `steps` steps, which the sums of the kernel hold.
 
         `state` (states, paths) and `streams` (2, paths) are replaced by those at the end.
         """
         sums = np.zeros((self._rows_of_sums, state.shape[1]))
-        self._advance(self.paths_of(state, streams, sums), Steps(0, steps, steps))
-        return sums
+        paths = self.paths_of(state, streams, sums)
+        self._advance(paths, Steps(0, steps, steps))
+        return paths
+
+    def fly_until(
+        self, state: Matrix, streams: NDArray[np.uint64], most: NDArray[np.int64], level: float, *,
+        impacts: bool, forces: tuple[float, float] | None,
+    ) -> Until:  # fmt: skip
+        """Simulate each path on for so many steps at most, until its energy, or a stop ends it.
+
+        Parameters
+        ----------
+        state, streams
+            (states, paths) and (2, paths), overwritten.
+        level
+            Twice the energy in modal coordinates, without that of the stops.
+        impacts, forces
+            Whether a counted impact ends a path; and forces of the lower and the upper stop of the
+            first pair, per unit of its reduced mass, that do.
+        """
+        count, modes = state.shape[1], self.modes
+        limits = np.zeros((0, 2)) if forces is None else np.array([forces])
+        end = Until(
+            modes.squares, level, impacts, limits, np.asarray(most, np.int64),
+            np.empty_like(state), np.empty_like(streams), np.zeros(count, np.int64),
+            np.zeros(count), np.zeros(count), np.zeros(count, bool),
+        )  # fmt: skip
+        paths = self.paths_of(state, streams, np.zeros((self._rows_of_sums, count)))
+        last = int(np.max(most))
+        self._advance(paths, Steps(0, last, last), NO_OUTPUTS._replace(until=end))
+        return end
+
+    def after_first_step(self, streams: NDArray[np.uint64]) -> Matrix:
+        """States of paths that start at rest, after a step that begins with half a kick.
+
+        A step is half a kick, a flow and half a kick; the kernel begins with a whole kick, of which
+        the second half of the step before is a part.
+        """
+        n, flow = self.modes.size, self.modes.flow
+        _, brought = self._half_kick
+        rows = -(-brought.shape[1] // 2)
+        first, second = np.empty((2, rows, streams.shape[1]))
+        normal_rows(streams[0], streams[1], first, second)
+        normals = np.concatenate([first, second])[: brought.shape[1]]
+        moved = transition(flow, self.step)[:, n : 2 * n] @ brought
+        return np.ascontiguousarray(_product(moved, normals))
 
     def at_whole_periods(self, period: float) -> Self:
         """The plan with a whole number of steps in a period, s, at about the same step."""
@@ -528,7 +679,7 @@ class ModalPlan(SteppedPlan):
         """Paths first_path, first_path + 1, ... that go on from where they are."""
         return Flight(self, at)
 
-    def _of_pairs(self, sums: Matrix) -> NDArray[np.float64]:
+    def of_pairs(self, sums: Matrix) -> NDArray[np.float64]:
         """The sums of a kernel that belong to pairs, (pairs, sums_of_pair, paths); stops that are
         hit at once share theirs."""
         hits = sums[self._rows_of_pairs]
@@ -547,6 +698,10 @@ class ModalPlan(SteppedPlan):
             np.tensordot(self.model.sharing, of_stops, axes=1), 2
         )
         return found
+
+    def gaps_of(self, state: Matrix) -> Matrix:
+        """Gaps (pairs, paths), m from the rest position, of states."""
+        return _product(self._gaps, state[: self._gaps.shape[1]])
 
     def columns(self, record: NDArray[np.float64]) -> dict[str, Vector]:
         """Columns of one path: displacement and velocity of every coordinate, impact speeds."""
@@ -594,7 +749,7 @@ class ModalPlan(SteppedPlan):
             impact_speed=np.ascontiguousarray(
                 kept[:, :, 2 * n : 2 * n + len(self.model.pairs)].transpose(2, 1, 0)
             ),
-            excitation=underway.excitation() if self.excitation_known else None,
+            excitation=underway.excitation(samples) if self.excitation_known else None,
             lost=losses_of(self.model, self.layout, underway.averages(), self.steps * self.step),
         )
 
@@ -602,6 +757,9 @@ class ModalPlan(SteppedPlan):
         """Forces of sines (coordinates, samples), N; those of other noise are not kept."""
         streams = np.empty((2, 1), np.uint64)
         seed_streams(np.uint64(seed), path, streams)
+        if self.excitation_known and not integrals:
+            kept = slice(self.settling, self.settling + samples)
+            return self.model.unit_mass * self.white_noise(seed, path, 1)[kept].T
         if self._unknown_noise:
             return None
         return self._sines(self.start(streams), self.settling, samples, integrals)
@@ -722,6 +880,7 @@ class ModalPlan(SteppedPlan):
         speeds[: len(self.pairs)] = [scale.speed for scale in self.pairs]
         margins = (modes.fastest * h) ** 3 / 384.0 * h * speeds
         stops, _ = self._stops
+        responses = self._responses(flow, speed, curvature)
         quiet = 1.0
         if self.model.functions:  # the passes start after all kicks
             kicked, quiet = np.eye(len(flow)), 0.0
@@ -745,7 +904,8 @@ class ModalPlan(SteppedPlan):
             passes=passes,
             stops=stops,
             margins=margins,
-            responses=self._responses(flow, speed, curvature),
+            responses=responses,
+            known=self._known_contacts(stops, responses),
             origins=self.law.mean,
             crossed=self._crossed,
         )
@@ -869,7 +1029,7 @@ class ModalPlan(SteppedPlan):
         return np.where(own > 0.0, own, 1.0)
 
     @cached_property
-    def _places(self) -> Matrix:
+    def places(self) -> Matrix:
         """Positions of the lower and the upper stop of each pair from the rest position, m (pairs,
         2), infinite where there is no stop."""
         places: Matrix = np.full((len(self._ways), 2), np.inf) * np.array([-1.0, 1.0])
@@ -900,7 +1060,7 @@ class ModalPlan(SteppedPlan):
                 frictions[j, int(stop.side == UPPER)] = stop.law.friction_coefficient
         ratios = self._masses / self._masses[tangents]
         return stops_of(
-            self._places, np.array(thresholds), laws, tangents, ratios, frictions
+            self.places, np.array(thresholds), laws, tangents, ratios, frictions
         )  # fmt: skip
 
     @cached_property
@@ -984,7 +1144,7 @@ class ModalPlan(SteppedPlan):
         modes = self.modes
         for _ in range(MOST_SWEEPS):
             largest = 0.0
-            for j, (gap, (lower, upper)) in enumerate(zip(self._ways, self._places, strict=True)):
+            for j, (gap, (lower, upper)) in enumerate(zip(self._ways, self.places, strict=True)):
                 row = self._gaps[j]
                 (y,) = _product(row[None], state[: len(row)])
                 if free is not None:
@@ -1011,6 +1171,12 @@ class ModalUnderway(Underway):
         sums = np.zeros((plan._rows_with_controls, paths))
         self.plan, self.paths = plan, plan.paths_of(plan.start(streams), streams, sums)
         self.outputs = Outputs(NO_RECORD if record is None else record, log)
+        self.first = seed, first_path, paths
+
+    def excitation(self, samples: int) -> Records:
+        """The excitation of `Histories`."""
+        kept = slice(self.plan.settling, self.plan.settling + samples)
+        return np.ascontiguousarray(self.plan.white_noise(*self.first)[kept].T)
 
     def advance(self, segment: int, first: int, last: int) -> None:
         """Make the steps first, first + 1, ... before `last`."""
@@ -1029,16 +1195,54 @@ def plan_modal(
     duration: float | None,
     settling: Settling = slowest_of,
 ) -> ModalPlan:
-    """Choose step, burn-in and length for a scene of any structure with rigid stops, no tables.
+    """Choose step, burn-in and length for a scene of any structure without tables.
 
     `settling` gives the longest relaxation time with modulations, from that without.
+
+    Raises
+    ------
+    NotApplicable
+        Where there is no stationary state, or a mass stays on a stop that is too stiff.
     """
-    unmet = compliant(model)
     if model.tables:
-        unmet.append("tabulated noise must be synthesised: this plan steps states alone")
+        raise NotApplicable(
+            "simulate", ["tabulated noise must be synthesised: this plan steps states alone"]
+        )
+    plan = ModalPlan(**basis(model, threshold, duration, settling=settling))
+    check_stiffness(plan)
+    return plan
+
+
+def rate_of_contact(pair: Pair, stop: Stop, scale: PairScale) -> float:
+    """Fastest rate (rad/s) of a contact with a stop at the scale of its pair; infinite on a rigid
+    one."""
+    if not isinstance(stop.law, CompliantLaw):
+        return math.inf
+    law = stop.law.per_unit_mass(pair.mass).compiled()
+    return float(rate(law, 0.0, scale.speed, scale.pressing))
+
+
+def check_stiffness(plan: ModalPlan) -> None:
+    """Raise NotApplicable for a stop that is too stiff to be followed while a mass stays on it.
+
+    A mass stays where it is pressed onto the stop, or comes to rest there.
+    """
+    unmet = []
+    for pair, scale in zip(plan.model.pairs, plan.pairs, strict=True):
+        for stop in pair.stops:
+            stays = scale.pressing > 0.0 or stop.law.restitution <= COLLAPSE_RESTITUTION
+            if not (isinstance(stop.law, CompliantLaw) and stays):
+                continue
+            fastest = rate_of_contact(pair, stop, scale)
+            needed = plan.step * math.hypot(fastest, plan.modes.fastest) / CONTACT_ANGLE
+            if needed > MOST_SUB_STEPS:
+                unmet.append(
+                    f"a mass that stays on the {stop.name} stop of {pair.name}, which is this "
+                    f"stiff, needs {needed:.2g} sub-steps in each step, at most {MOST_SUB_STEPS} "
+                    "are made; take a rigid stop (law.kind = 'restitution')"
+                )
     if unmet:
         raise NotApplicable("simulate", unmet)
-    return ModalPlan(**basis(model, threshold, duration, settling=settling))
 
 
 def basis(
@@ -1066,6 +1270,14 @@ def basis(
         scale._replace(speed=math.hypot(scale.speed, speed_of_stop(model, pair)))
         for scale, pair in zip(pairs, model.pairs, strict=True)
     )
+    for pair, gap, scale in zip(model.pairs, modes.gaps, pairs, strict=True):
+        away = abs(float(gap @ modes.rest)) / scale.deviation
+        if away > FARTHEST_REST:
+            raise NotApplicable(
+                "simulate",
+                [f"a load holds {pair.name} {away:.2g} standard deviations away from its place "
+                 f"without load, at most {FARTHEST_REST:.0g} are told apart"],
+            )  # fmt: skip
     step = _step(model, modes, law, pairs)
     burn_in = RELAXATIONS * law.slowest
     length = DURATION * burn_in if duration is None else duration
@@ -1156,7 +1368,10 @@ def _step(model: Model, modes: ModalForm, law: LinearLaw, pairs: tuple[PairScale
     exact = not random or (model.elastic and model.temperature is not None)
     limits = []
     if modes.fastest > 0.0:
-        limits.append((LARGEST_ANGLE if exact else LOSSY_ANGLE) / modes.fastest)
+        longest = (
+            ANGLE_OF_ONE_MODE if random and model.summed and modes.size == 1 else LARGEST_ANGLE
+        )
+        limits.append((longest if exact else LOSSY_ANGLE) / modes.fastest)
     if not exact:
         limits.append(LOSSY_DECAY / float(law.decay[-1]))
     if not modes.kicked:
@@ -1233,7 +1448,7 @@ class Flight:
 
     def on(self, steps: int) -> Matrix:
         """Displacements and velocities of the modes (2 modes, paths) after so many more steps."""
-        self.plan.simulate_on(self.state, self.streams, steps)
+        self.plan.fly(self.state, self.streams, steps)
         self.motion = self.state[: len(self.motion)]
         return self.motion
 

@@ -1,5 +1,4 @@
-"""Structures with compliant stops, and under synthesised records. Chapters: compliant stops under
-white noise; tabulated noise."""
+"""Structures of any number of modes under synthesised records."""
 
 from __future__ import annotations
 
@@ -14,9 +13,6 @@ import scipy
 from numpy.typing import NDArray
 
 from stochvi.engine.arithmetic import NO_RECORD, Log
-from stochvi.engine.parts import rate
-from stochvi.engine.sub_steps import CONTACT_ANGLE
-from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.mathematics.numerics import Matrix, Vector, Waves
 from stochvi.mathematics.spectra import (
     beyond,
@@ -36,7 +32,6 @@ from stochvi.methods.monte_carlo.kernels.modes import (
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import (
-    SUMS_OF_PAIR,
     Aloft,
     Flight,
     ModalPlan,
@@ -45,6 +40,8 @@ from stochvi.methods.monte_carlo.modal import (
     _squares,
     _table,
     basis,
+    check_stiffness,
+    rate_of_contact,
 )
 from stochvi.methods.monte_carlo.plan import Key, Underway, gap_of
 from stochvi.methods.monte_carlo.synthesis import (
@@ -57,7 +54,6 @@ from stochvi.methods.monte_carlo.synthesis import (
     MOST_BLOCKS,
     MOST_DOUBLINGS,
     MOST_SAMPLES,
-    MOST_SUB_STEPS,
     SAMPLES_PER_PERIOD,
     WARM_UP_RELAXATIONS,
     BlockForce,
@@ -67,124 +63,11 @@ from stochvi.methods.monte_carlo.synthesis import (
     levels_of_block,
     rate_on_stops,
 )
-from stochvi.methods.monte_carlo.white import SUMS_OF_A_STOP
 from stochvi.model.coverage import Settling, slowest_of
 from stochvi.model.modal import UNSTABLE, ModalForm
-from stochvi.model.model import UPPER, Model, Pair, Stop
-from stochvi.model.scales import PairScale, Scales, scales_of
+from stochvi.model.model import UPPER, Model, Pair
+from stochvi.model.scales import Scales, scales_of
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.impact_laws import CompliantLaw
-
-# ------------------------------------------------------------------------------
-# Structures of several modes with compliant stops: the plan.
-# ------------------------------------------------------------------------------
-
-
-SUMS_OF_CONTACT_PAIR = (
-    *SUMS_OF_PAIR,
-    *(f"{name}_{side}" for side in ("lower", "upper") for name, _ in SUMS_OF_A_STOP),
-)
-"""Names of the sums over the impacts and the contacts of a pair; forces and powers are per unit of
-the reduced mass. There are ROWS_OF_CONTACT_PAIR of them."""
-
-CONTACT_ENERGY = 2e-6
-"""Relative error of the energy of a structure by a contact with a stop that loses nothing: the mean
-over contacts with linear, Hertzian and tabulated stops of all stiffnesses was 1.2e-6 at most."""
-
-CONTACT_FRICTION = 4e-3
-"""Relative bias of a motion with friction at compliant stops: paths of 12 s with 20 to 30 contacts
-were off by at most 3.4e-3 of their largest displacement, against an integrator by events."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModalContactsPlan(ModalPlan):
-    """Steps, start and lengths where a stop of some pair is compliant (SI units)."""
-
-    @property
-    def method(self) -> str:  # type: ignore[override]
-        """Name of the scheme, for the assumptions of a response."""
-        way = "kick-flow-kick" if self.modes.kicked else "exact steps"
-        return f"{way} in modal coordinates, contacts integrated in sub-steps"
-
-    @property
-    def contacts(self) -> bool:  # type: ignore[override]
-        """Whether impacts on a stop are summed one by one; pairs then have SUMS_OF_CONTACT_PAIR."""
-        return self.model.summed
-
-    @property
-    def sums_of_pair(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Names of the sums over impacts and contacts of a pair."""
-        return SUMS_OF_CONTACT_PAIR if self.contacts else SUMS_OF_PAIR
-
-    @property
-    def relative_bias(self) -> float:
-        """Relative bias from contacts in sub-steps, whose errors of the energy add up for as long
-        as it is remembered, and of friction in them."""
-        if not self.contacts:
-            return 0.0
-        soft = any(
-            stop.law.friction_coefficient and not stop.rigid
-            for pair in self.model.pairs
-            for stop in pair.stops
-        )
-        return CONTACT_ENERGY * self.hits_in_a_cluster + (CONTACT_FRICTION if soft else 0.0)
-
-    @cached_property
-    def _fastest_of_contacts(self) -> float | None:
-        """Fastest rate of the structure in contacts, rad/s; None where all stops are rigid."""
-        if not self.contacts:
-            return None
-        if self.modes.kicked:
-            return self.modes.fastest
-        return max(self.modes.fastest, float(np.linalg.eigvalsh(self.modes.damping)[-1]))
-
-
-def plan_modal_contacts(
-    model: Model, threshold: float | Mapping[str, float] | None, duration: float | None
-) -> ModalContactsPlan:
-    """Choose step, burn-in and length where a stop of some pair is compliant.
-
-    Raises
-    ------
-    NotApplicable
-        Where there is no stationary state, or a mass stays on a stop that is too stiff.
-    """
-    plan = ModalContactsPlan(**basis(model, threshold, duration))
-    check_stiffness(plan)
-    return plan
-
-
-def rate_of_contact(pair: Pair, stop: Stop, scale: PairScale) -> float:
-    """Fastest rate (rad/s) of a contact with a stop at the scale of its pair; infinite on a rigid
-    one."""
-    if not isinstance(stop.law, CompliantLaw):
-        return math.inf
-    law = stop.law.per_unit_mass(pair.mass).compiled()
-    return float(rate(law, 0.0, scale.speed, scale.pressing))
-
-
-def check_stiffness(plan: ModalContactsPlan) -> None:
-    """Raise NotApplicable for a stop that is too stiff to be followed while a mass stays on it.
-
-    A mass stays where it is pressed onto the stop, or comes to rest there.
-    """
-    unmet = []
-    for pair, scale in zip(plan.model.pairs, plan.pairs, strict=True):
-        for stop in pair.stops:
-            stays = scale.pressing > 0.0 or stop.law.restitution <= COLLAPSE_RESTITUTION
-            if not (isinstance(stop.law, CompliantLaw) and stays):
-                continue
-            fastest = rate_of_contact(pair, stop, scale)
-            needed = plan.step * math.hypot(fastest, plan.modes.fastest) / CONTACT_ANGLE
-            if needed > MOST_SUB_STEPS:
-                unmet.append(
-                    f"a mass that stays on the {stop.name} stop of {pair.name}, which is this "
-                    f"stiff, needs {needed:.2g} sub-steps in each step, at most {MOST_SUB_STEPS} "
-                    "are made; take a rigid stop (law.kind = 'restitution')"
-                )
-    if unmet:
-        raise NotApplicable("simulate", unmet)
-
 
 # ------------------------------------------------------------------------------
 # Tabulated noise on structures of several modes: the plan, and a block of paths.
@@ -227,7 +110,7 @@ deviations, up to which it is rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModalTablesPlan(ModalContactsPlan):
+class ModalTablesPlan(ModalPlan):
     """Sampling and lengths for a structure of any kind under tabulated noise, to which white noise
     and signals may be added (SI units). Each of the `blocks` of a path has its own `burn_in`."""
 
@@ -236,7 +119,7 @@ class ModalTablesPlan(ModalContactsPlan):
     blocks: int
 
     @property
-    def method(self) -> str:  # type: ignore[override]
+    def method(self) -> str:
         """Name of the scheme, for the assumptions of a response."""
         return "response-domain synthesis in modal coordinates"
 
@@ -334,7 +217,7 @@ class ModalTablesPlan(ModalContactsPlan):
         return ModalTablesUnderway(self, seed, first_path, paths, record, log, accelerations)
 
     @property
-    def excitation_known(self) -> bool:  # type: ignore[override]
+    def excitation_known(self) -> bool:
         """Whether histories hold the excitation: that of one mass which is synthesised as a
         whole."""
         return self.modes.size == 1 and not (self._unknown_noise or self.modes.sines)
@@ -494,7 +377,7 @@ class ModalTablesPlan(ModalContactsPlan):
         outputs = Outputs(record, log, self._largest(accelerations))
         underway = self.paths_of(state, streams, sums)
         self._advance(underway, Steps(-burn_in, steps, steps), outputs, self._smooth(free))
-        return self._of_pairs(sums)
+        return self.of_pairs(sums)
 
     def _smooth(self, free: NDArray[np.float64]) -> SmoothResponse:
         """A motion without stops, for the kernel."""
@@ -752,7 +635,7 @@ class ModalTablesUnderway(Underway):
         samples = whole * math.ceil(self.each / plan._stride) + math.ceil(part / plan._stride)
         return plan._physical(plan._averaged(self.sums + self.of_block, samples, self.counted))
 
-    def excitation(self) -> Matrix:
+    def excitation(self, samples: int) -> Matrix:
         """Force on one mass over that mass in the last block, (paths, samples)."""
         plan = self.plan
         return np.asarray(plan.modes.shapes[0, 0] * plan._forces_of(self.free)[:, : self.each, 0])

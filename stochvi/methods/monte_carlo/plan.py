@@ -20,6 +20,7 @@ from stochvi.engine.calls import NO_STATISTICS, Statistics, addresses_of
 from stochvi.engine.impact_laws import NotCompiled, compiled_of, contents_of
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
 from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.model.build_response import power_of_stop
 from stochvi.model.model import Model, Pair, Stop
 from stochvi.results.estimates import PathMoments, neighbours
@@ -793,7 +794,7 @@ class Underway(ABC):
     def averages(self) -> Records:
         """Time averages over the counted steps so far, as `Plan.averages` gives them."""
 
-    def excitation(self) -> Records:
+    def excitation(self, samples: int) -> Records:
         """The excitation of `Histories`, of plans that know it."""
         raise NotImplementedError
 
@@ -844,17 +845,36 @@ class SteppedPlan:
         return replace(self, duration=steps * self.step)
 
 
+def normals_of_steps(
+    seed: int, first_path: int, paths: int, steps: int, earlier: float | None
+) -> Records:
+    """The normals of the kicks after each sample (steps, paths) of one mode, from the streams of
+    the paths: a record begins at the end of the first step.
+
+    The kernels use a pair for two successive steps, and the first pair for the start. A step that
+    takes the noise of two weighs the earlier one by `earlier`.
+    """
+    streams = np.empty((2, paths), np.uint64)
+    seed_streams(np.uint64(seed), first_path, streams)
+    rows = 1 + math.ceil((steps + 1) / (2 if earlier is None else 1))
+    even, odd = np.empty((2, rows, paths))
+    normal_rows(streams[0], streams[1], even, odd)
+    if earlier is None:
+        drawn = np.stack([even[1:], odd[1:]], axis=1).reshape(-1, paths)
+    else:
+        drawn = earlier * even[1:] + math.sqrt(1.0 - earlier**2) * odd[1:]
+    return drawn[1 : steps + 1]
+
+
 def layout_of_one(
-    model: Model, origin: float, threshold: float, sums_of_contacts: tuple[str, ...],
-    controls: Mapping[str, float],
-) -> Layout:  # fmt: skip
-    """Layout of one oscillator: moments of x from `origin`, sums over impacts, the named sums over
-    contacts with compliant stops, and controls by name with their expected values."""
+    model: Model, origin: float, threshold: float, controls: Mapping[str, float]
+) -> Layout:
+    """Layout of one oscillator: moments of x from `origin`, sums over impacts, and controls by name
+    with their expected values."""
     (name,) = model.coordinates
     pair = model.pairs[0].name if model.pairs else ""
     rows = [(name, "x"), (name, "xx"), (name, "vv")]
     rows += [(pair, f"{sum_}_{side}") for side in ("lower", "upper") for sum_ in ("n", "f1", "f2")]
-    rows += [(pair, sum_) for sum_ in sums_of_contacts]
     expected = {("", what): value for what, value in controls.items()}
     return Layout(
         rows=(*rows, *expected), origins={name: origin}, thresholds={pair: threshold},

@@ -1,28 +1,23 @@
-"""Plans of one oscillator under white noise. Chapters: rigid stops; the stops as the engine knows
-them; compliant stops; springs that are functions where a mass meets its stops."""
+"""Plans of one oscillator under white noise. Chapters: rigid stops; springs that are functions
+where a mass meets its stops."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from stochvi.engine.arithmetic import ENDED, IMPULSE, LOSS, NO_LOG, NO_RECORD, PEAK, TIME, Log
-from stochvi.engine.calls import Stops, functions_of, stops_of
+from stochvi.engine.arithmetic import NO_LOG, NO_RECORD, Log
 from stochvi.engine.impact_laws import ScatteredRestitution
-from stochvi.engine.one_mass import Complete, MassStops, complete_contacts
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, TruncatedNormal, gaussian_stop
 from stochvi.mathematics.numerics import Vector, root_between
 from stochvi.methods.monte_carlo.kernels.flight import (
-    CONTACT_LOWER,
-    CONTACT_SUMS,
-    CONTACT_UPPER,
     CORNER_SHARE,
     N_LOWER,
     SUMS,
@@ -36,10 +31,8 @@ from stochvi.methods.monte_carlo.kernels.flight import (
     ScatteredStop,
     run_white,
 )
-from stochvi.methods.monte_carlo.kernels.one_mass import run_contacts
 from stochvi.methods.monte_carlo.kernels.random_numbers import (
     normal_pairs,
-    normal_rows,
     seed_streams,
 )
 from stochvi.methods.monte_carlo.plan import (
@@ -57,11 +50,11 @@ from stochvi.methods.monte_carlo.plan import (
     layout_of_one,
     losses_of,
     lossiest,
+    normals_of_steps,
 )
 from stochvi.model.coverage import compliant
-from stochvi.model.gap import GibbsLaw
 from stochvi.model.modal import LinearLaw
-from stochvi.model.model import UPPER, FunctionOfMotion, Model, Pair, Stop
+from stochvi.model.model import FunctionOfMotion, Model, Pair, Stop
 from stochvi.model.scales import (
     SLOW_IMPACTS,
     Motion,
@@ -165,12 +158,8 @@ class WhitePlan(SteppedPlan):
     slow_impacts: bool = False
     corner_share: float = CORNER_SHARE
 
-    rows = SUMS
-    sums_of_contacts: ClassVar[tuple[str, ...]] = ()
     states = 2
     kicked = True
-    _kernel = staticmethod(run_white)
-    _no_log: ClassVar[Log | None] = NO_LOG
 
     @property
     def method(self) -> str:
@@ -204,7 +193,7 @@ class WhitePlan(SteppedPlan):
         """Meaning of the rows of `averages`."""
         # the noise of a step is independent of the state before it
         noise = {"noise x": 0.0, "noise v": 0.0}
-        return layout_of_one(self.model, self.origin, self.threshold, self.sums_of_contacts, noise)
+        return layout_of_one(self.model, self.origin, self.threshold, noise)
 
     @property
     def coarse_share(self) -> float:
@@ -341,25 +330,10 @@ class WhitePlan(SteppedPlan):
         return self.model.unit_mass * self._kicks(seed, path, 1)[kept].T
 
     def _kicks(self, seed: int, first_path: int, paths: int) -> Records:
-        """White noise (samples, paths), as the mean over the step after each sample, from the
-        streams of the paths.
-
-        The kernels use a pair of normals for two successive steps; the first pair is used for the
-        start.
-        """
-        steps = self.steps
-        streams = np.empty((2, paths), np.uint64)
-        seed_streams(np.uint64(seed), first_path, streams)
-        rows = 1 + math.ceil((steps + 1) / (1 if self.merged else 2))
-        even, odd = np.empty((2, rows, paths))
-        normal_rows(streams[0], streams[1], even, odd)
-        if self.merged:
-            earlier = self._kick.earlier
-            drawn = earlier * even[1:] + math.sqrt(1.0 - earlier**2) * odd[1:]
-        else:
-            drawn = np.stack([even[1:], odd[1:]], axis=1).reshape(-1, paths)
-        # a record begins at the end of the first step
-        return math.sqrt(self.model.intensity / self.step) * drawn[1 : steps + 1]
+        """White noise (samples, paths), as the mean over the step after each sample."""
+        earlier = self._kick.earlier if self.merged else None
+        drawn = normals_of_steps(seed, first_path, paths, self.steps, earlier)
+        return math.sqrt(self.model.intensity / self.step) * drawn
 
     def averages(
         self,
@@ -470,22 +444,14 @@ class WhitePlan(SteppedPlan):
         probability, position = self._start_law
         return np.interp(ndtr(first), probability, position), self.speed * second
 
-    @property
-    def _walls(self) -> tuple[float, float]:
-        """Positions of the rigid stops from rest; infinite where there is none."""
-        law = self._law
-        return (
-            -math.inf if law.lower is None else law.lower,
-            math.inf if law.upper is None else law.upper,
-        )
-
     @cached_property
     def _start_law(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Distribution function of the start position, as a table."""
         law = self._law
         spread = 9.0 * math.sqrt(law.variance)
-        lowest, highest = self._walls
-        low, high = max(lowest, law.mean - spread), min(highest, law.mean + spread)
+        low, high = law.mean - spread, law.mean + spread
+        low = low if law.lower is None else max(law.lower, low)
+        high = high if law.upper is None else min(law.upper, high)
         grid = np.linspace(low, high, 2001)
         density = law.density(grid)
         cumulative = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
@@ -504,12 +470,12 @@ class WhitePaths(Underway):
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(seed), first_path, streams)
         x, v = plan._start(streams)
-        sums, noise = np.zeros((plan.rows, paths)), np.zeros((2, paths))
+        sums, noise = np.zeros((SUMS, paths)), np.zeros((2, paths))
         self.plan = plan
         kept = np.outer(np.ones(paths), plan._kept_at_start)
         self.paths = Paths(x, v, streams, sums, noise, kept)
         self.constants = plan._kernel_constants()
-        self.outputs = NO_RECORD if record is None else record, log or plan._no_log
+        self.outputs = NO_RECORD if record is None else record, log or NO_LOG
 
     def advance(self, segment: int, first: int, last: int) -> None:
         """Make the steps first, first + 1, ... before `last`."""
@@ -518,7 +484,7 @@ class WhitePaths(Underway):
             first=first - self.burn_in, last=last - self.burn_in, stride=plan._stride,
             origin=plan.origin - plan.model.rest, threshold=plan.threshold,
         )  # fmt: skip
-        plan._kernel(self.paths, *self.constants, counting, *self.outputs, stop_flag())
+        run_white(self.paths, *self.constants, counting, *self.outputs, stop_flag())
 
     def averages(self) -> NDArray[np.float64]:
         """Time averages over the counted steps so far."""
@@ -708,213 +674,6 @@ def _slowest_time(model: Model, speed: float) -> float:
         spread = math.sqrt(_law(model, speed).variance)
         positions.append(max(spread / speed, spread**2 * rate / speed**2))
     return max(1.0 / rate, min(positions))
-
-
-# ------------------------------------------------------------------------------
-# The stops of one oscillator, as the engine knows them.
-# ------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StopsOfMass:
-    """The stops of one mass, per unit mass.
-
-    Parameters
-    ----------
-    laws
-        Position from the rest position, m, and law of the lower stop (0) and of the upper one (1).
-    stiffness
-        w0^2, 1/s^2.
-    speed
-        Rms speed of the mass, m/s.
-    longest
-        Longest step, s, within which contacts are read from tables.
-    """
-
-    laws: Mapping[int, tuple[float, Any]]
-    stiffness: float
-    speed: float
-    longest: float
-
-    @property
-    def for_kernel(self) -> MassStops:
-        """The argument of kernels. It holds for this process only, as it has addresses."""
-        stops, classes = self._stops
-        return MassStops(
-            places=stops.places[0], kinds=stops.kinds[0], rigid=stops.rigid[0],
-            lossy=stops.lossy[0], numbers=stops.numbers,
-            laws=functions_of(classes, mass=True),
-            complete=self._complete,
-        )  # fmt: skip
-
-    @cached_property
-    def _stops(self) -> tuple[Stops, list[Any]]:
-        places = np.array([[-math.inf, math.inf]])
-        for which, (position, _) in self.laws.items():
-            places[0, which] = position
-        laws = {(0, which): law for which, (_, law) in self.laws.items()}
-        return stops_of(places, np.zeros(1), laws)
-
-    @cached_property
-    def _complete(self) -> Complete:
-        stops, classes = self._stops
-        functions = functions_of(classes, mass=True)
-        return complete_contacts(stops, functions, self.stiffness, self.speed, self.longest)
-
-
-def stops_of_mass(model: Model, speed: float, longest: float) -> StopsOfMass:
-    """The stops of a model of one oscillator, for the rms speed, m/s, and steps of at most
-    `longest` s; see `StopsOfMass`."""
-    laws = {
-        int(stop.side == UPPER): (stop.position - model.rest, stop.law.compiled())
-        for stop in model.stops_per_unit_mass
-    }
-    return StopsOfMass(laws=laws, stiffness=model.omega**2, speed=speed, longest=longest)
-
-
-# ------------------------------------------------------------------------------
-# Compliant stops under white noise: the plan of kick-flow-kick (step, start, lengths).
-# ------------------------------------------------------------------------------
-
-
-SUMS_OF_A_STOP = (
-    ("force", IMPULSE),
-    ("loss", LOSS),
-    ("peak", PEAK),
-    ("contact", TIME),
-    ("ended", ENDED),
-)
-"""Names of the sums over the contacts with one stop, and their rows in the table of `rows`."""
-
-CONTACT_ROWS = {
-    f"{name}_{side}": first + row
-    for side, first in (("lower", CONTACT_LOWER), ("upper", CONTACT_UPPER))
-    for name, row in SUMS_OF_A_STOP
-}
-"""Rows of the time averages over contacts, by name and stop: the mean force (m/s^2) and the mean
-dissipated power (m^2/s^3) per unit mass; the sum of the peak forces of ended contacts per second
-and unit mass (m/s^3); the share of time in contact; and the ended contacts per second (1/s), slow
-ones included."""
-
-LARGEST_COMPLIANT_ANGLE = 0.8
-"""Largest omega h of a step (rad) between elastic stops, where any step is free of bias."""
-
-SPREAD_PER_STEP = GAP_PER_STEP * math.sqrt(12.0)
-"""Largest distance that the mass crosses in a step at its rms speed, in standard deviations of x.
-It equals GAP_PER_STEP for a uniform law, whose width is sqrt(12) standard deviations."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class CompliantPlan(WhitePlan):
-    """Steps, start and lengths with a compliant stop; `averages` begin with CONTACT_SUMS rows."""
-
-    rows = CONTACT_SUMS
-    sums_of_contacts = tuple(CONTACT_ROWS)
-    _kernel = staticmethod(run_contacts)
-    _no_log = None
-
-    _kept_at_start = 0.0, 0.0
-    """No contact lasts before the first step."""
-
-    def _kernel_constants(self) -> tuple[Any, ...]:
-        return self._kick, _flow(self.model, self.step), self._stops.for_kernel
-
-    @cached_property
-    def _stops(self) -> StopsOfMass:
-        return stops_of_mass(self.model, self.speed, self.step)
-
-    @cached_property
-    def _law(self) -> GibbsLaw:  # type: ignore[override]
-        """The Gibbs distribution at the expected speed, from the static equilibrium."""
-        return _gibbs_law(self.model, self.speed, self.model.rest)
-
-    @property
-    def _walls(self) -> tuple[float, float]:
-        return self._law.walls
-
-
-def _gibbs_law(model: Model, speed: float, rest: float = 0.0) -> GibbsLaw:
-    """Gibbs distribution at E v^2 = speed^2, positions from `rest`, m, where the load is reduced
-    accordingly."""
-    return GibbsLaw(
-        theta=speed**2,
-        omega=model.omega,
-        load=model.load - model.omega**2 * rest,
-        lower=_from_rest(model.lower, rest),
-        upper=_from_rest(model.upper, rest),
-    )
-
-
-def _from_rest(stop: Stop | None, rest: float) -> Stop | None:
-    """A stop with its position taken from the rest position; None for none."""
-    return None if stop is None else replace(stop, position=stop.position - rest)
-
-
-def plan_compliant(
-    model: Model, threshold: float | None, duration: float | None, slow_impacts: bool = False
-) -> CompliantPlan:
-    """Choose step, burn-in and length for white noise and stops of which one is compliant.
-
-    Examples
-    --------
-    >>> from stochvi.scenes.impact_laws import Elastic
-    >>> from stochvi.scenes.excitations import WhiteNoise
-    >>> from stochvi.scenes.scene import ImpactPair, Scene
-    >>> from stochvi.scenes.structures import Oscillator
-    >>> scene = Scene(
-    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
-    ...     impact_pairs=[ImpactPair(upper=1.0, law=Elastic(stiffness=100.0))],
-    ...     excitations=[WhiteNoise(intensity=0.2)],
-    ... )
-    >>> from stochvi.model.model import model_of
-    >>> plan = plan_compliant(model_of(scene), None, None)
-    >>> plan.step, plan.averages(seed=1, first_path=0, paths=3).shape
-    (0.8, (21, 3))
-    """
-    unmet = []
-    if slow_impacts:
-        unmet.append("slow_impacts must be left out with compliant stops, which it does not refine")
-    if model.omega == 0.0 and model.load != 0.0:
-        unmet.append("a constant load needs stiffness > 0, got 0")
-    try:
-        _gibbs_law(model, 1.0)
-    except ValueError:
-        unmet.append("without stiffness the mass needs a lower and an upper stop that hold it")
-    if model.damping_rate == 0.0 and model.elastic:
-        unmet.append("damping must be positive or a stop must lose energy (no stationary state)")
-    if unmet:
-        raise NotApplicable("simulate", unmet)
-    # the speed between rigid stops of the same restitution is accurate enough
-    speed = expected_speed(model)
-    law = _gibbs_law(model, speed)
-    spread = math.sqrt(law.variance)
-    rate = model.intensity / (2.0 * speed**2)
-    slowest = max(1.0 / rate, spread / speed, spread**2 * rate / speed**2)
-    step = _compliant_step(model, speed, spread)
-    burn_in, length = lengths(model, step, slowest, duration)
-    return CompliantPlan(
-        model=model,
-        speed=speed,
-        step=step,
-        burn_in=burn_in,
-        duration=length,
-        threshold=threshold_of(model, speed) if threshold is None else threshold,
-    )
-
-
-def _compliant_step(model: Model, speed: float, spread: float) -> float:
-    """Return the step, s: a part of the shortest of the times that it must resolve.
-
-    They are a radian of the motion, the loss of energy, the way across the spread, and a contact.
-    """
-    limits = [SPREAD_PER_STEP * spread / speed]
-    if model.omega > 0.0:
-        limits.append((LARGEST_COMPLIANT_ANGLE if model.elastic else LOSSY_ANGLE) / model.omega)
-    if not model.elastic:
-        limits.append(LOSSY_DECAY * 2.0 * speed**2 / model.intensity)
-    if pressing(model) > 0.0:
-        limits.append(BOUNCE_PER_STEP * speed / pressing(model))
-    return min(limits)
 
 
 # ------------------------------------------------------------------------------

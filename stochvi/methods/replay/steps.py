@@ -21,7 +21,8 @@ from stochvi.engine.arithmetic import Log
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import damping_at, transition
 from stochvi.methods.monte_carlo.choose_plan import ImpactLog, logged_impacts
-from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, rate_of_contact
+from stochvi.methods.monte_carlo.modal import rate_of_contact
+from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
 from stochvi.methods.monte_carlo.white import meeting_stops
 from stochvi.methods.replay.kernel import PEAK, SPEED, STOP, TIME
 from stochvi.methods.replay.march import STEPS_AT_ONCE, Motion, SampledExcitation, integrate

@@ -296,7 +296,7 @@ class Jobs:
 
     def _found(self, plan: MissionPlan, event: str, way: Way | None, hits: bool) -> Found:
         """Run the pilot, choose a way, and run the second stage."""
-        plan.advance(plan.fleet(0, 0, 2), 0.0)  # compiled, or taken from the cache
+        plan.base.shortest().averages(0, 0, 2)  # compiled, or taken from the cache
         self.until = self.deadline.sooner(KEPT)
         tried = int(min(max(PILOT_STEPS // plan.steps_per_path, PILOT_FEWEST), PILOT_MISSIONS))
         pilot = self._missions(plan, "pilot missions", tried, hits)

@@ -119,8 +119,8 @@ def test_sliding_impacts_lose_along_the_stop_what_coulomb_says() -> None:
     slow = int(np.argmin(plan.modes.squares))
     state[2 + slow] = drift * math.sqrt(1.5)
     before = state[2 + slow].copy()
-    sums = plan.simulate_on(state, streams, plan.steps)
-    hits = plan._of_pairs(sums)[0]
+    sums = plan.fly(state, streams, plan.steps).sums
+    hits = plan.of_pairs(sums)[0]
     speeds = hits[plan.sums_of_pair.index("f1_lower")] + hits[plan.sums_of_pair.index("f1_upper")]
     lost = (before - state[2 + slow]) / math.sqrt(1.5)
     decay = 0.1 / 1.5
@@ -457,7 +457,7 @@ def test_a_stiff_stop_is_a_rigid_one(coupled: float, friction: float, along: flo
         shapes = np.linalg.inv(plan.modes.shapes)
         state[:2, 0] = shapes @ np.array([UPPER - 0.1 * plan.step * w, 0.0])
         state[2:4, 0] = shapes @ np.array([w, along])
-        plan.simulate_on(state, streams, 1)
+        plan.fly(state, streams, 1)
         after = plan.modes.shapes @ state[2:4, 0]
         errors.append(float(np.abs(after - known).max()))
     # the rest is what springs and dampers add in a step, which falls with the step

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from stochvi.engine.arithmetic import (
     MOST_BOUNCES,
     RESTING,
-    ROWS_OF_STOP,
     log_impact,
     page_after,
     page_of,
@@ -43,12 +42,6 @@ X, XX, VV, N_LOWER, F1_LOWER, F2_LOWER, N_UPPER, F1_UPPER, F2_UPPER = range(9)
 SUMS = 9
 """Rows of one oscillator with rigid stops: x, x^2, v^2, and for each stop its impacts (N), their
 speeds (F1, m/s) and the squares of their speeds (F2, m^2/s^2)."""
-
-CONTACT_LOWER = SUMS
-CONTACT_UPPER = SUMS + ROWS_OF_STOP
-CONTACT_SUMS = SUMS + 2 * ROWS_OF_STOP
-"""Rows of one oscillator with compliant stops: those of rigid stops, then those of the contacts
-with the lower stop, and with the upper stop."""
 
 
 # ------------------------------------------------------------------------------

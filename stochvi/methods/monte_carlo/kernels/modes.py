@@ -7,8 +7,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.engine.arithmetic import LANES as LANES_TOGETHER
-from stochvi.engine.arithmetic import NO_RECORD, ROWS_OF_CONTACT_PAIR, ROWS_OF_PAIR, Log, fma
+from stochvi.engine.arithmetic import (
+    ENDED,
+    NO_RECORD,
+    PEAK,
+    ROWS_OF_CONTACT_PAIR,
+    ROWS_OF_PAIR,
+    ROWS_OF_STOP,
+    Log,
+    fma,
+)
 from stochvi.engine.borrowed import borrowed, hold
 from stochvi.engine.calls import (
     NO_STATISTICS,
@@ -28,7 +36,14 @@ from stochvi.engine.calls import (
 from stochvi.engine.compiling import kernel
 from stochvi.engine.compliant_contacts import END_ROWS, Following, Workspace, make_workspace
 from stochvi.engine.sub_steps import Responses
-from stochvi.engine.together import Ends, Scene, Waiting, finish_together, make_waiting
+from stochvi.engine.together import (
+    Ends,
+    Known,
+    Scene,
+    Waiting,
+    finish_together,
+    make_waiting,
+)
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
 
 # ------------------------------------------------------------------------------
@@ -161,7 +176,8 @@ def set_two_and_two(out, row, x, columns, weights, y, others, factors, width):
 Table = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
 
 LANES = 256
-"""Number of paths that are advanced together: their rows of sums stay in the second-level cache."""
+"""Number of paths that are advanced together, at most those of `engine.arithmetic`: their rows of
+sums stay in the second-level cache."""
 
 
 class Passes(NamedTuple):
@@ -222,7 +238,7 @@ class ModalSteps(NamedTuple):
     ----------
     step : s.
     modes : number of modes.
-    passes, stops, responses : see these classes.
+    passes, stops, responses, known : see these classes.
         Stops are placed from the rest position.
     margins : (pairs,), m, by which the hulls of cubics are widened.
     origins : (modes,), from where moments of q are taken.
@@ -236,6 +252,7 @@ class ModalSteps(NamedTuple):
     stops: Stops
     margins: NDArray[np.float64]
     responses: Responses
+    known: Known
     origins: NDArray[np.float64]
     crossed: NDArray[np.int64]
 
@@ -316,6 +333,45 @@ class Largest(NamedTuple):
     table: NDArray[np.float64]
 
 
+class Until(NamedTuple):
+    """Where each path ends, if it does not make all steps; what it has seen, and where it ended.
+
+    Parameters
+    ----------
+    squares : (modes,), omega^2, for E2 = p . p + q . omega^2 q, twice the energy without that of
+        the stops.
+    level : E2 at which a path ends.
+    impacts : whether an impact that is counted ends a path.
+    forces : (pairs, 2), force per unit of the reduced mass of the lower and the upper stop above
+        which a path ends.
+    most : (paths,), number of steps after which a path ends.
+    state, streams, steps : (states, paths), (2, paths) and (paths,), replaced by those at the end;
+        `steps` are 0 before.
+    top : (paths,), raised to the largest E2 at the ends of steps.
+    seen : (paths,), replaced by the number of impacts that are counted.
+    happened : (paths,), replaced by whether an impact or a force ended the path.
+    """
+
+    squares: NDArray[np.float64]
+    level: float
+    impacts: bool
+    forces: NDArray[np.float64]
+    most: NDArray[np.int64]
+    state: NDArray[np.float64]
+    streams: NDArray[np.uint64]
+    steps: NDArray[np.int64]
+    top: NDArray[np.float64]
+    seen: NDArray[np.float64]
+    happened: NDArray[np.bool_]
+
+
+NO_END = Until(
+    np.zeros(0), 0.0, False, np.zeros((0, 2)), np.zeros(0, np.int64), np.zeros((0, 0)),
+    np.zeros((2, 0), np.uint64), np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0, bool),
+)  # fmt: skip
+"""Every path makes all steps."""
+
+
 class Outputs(NamedTuple):
     """What a kernel writes besides its sums; by default nothing.
 
@@ -326,12 +382,15 @@ class Outputs(NamedTuple):
     log : None, or a `Log`, which gets the impacts in the counted steps.
     largest : None, or `Largest`, where there are tables and no kicks, and `Passes.pulls`.
     statistics : functions of the motion that are added up with the moments; by default none.
+    until : where paths end, without tables; the state and the sums of one that has ended early are
+        of no use, nor are those of its contacts.
     """
 
     record: NDArray[np.float64] = NO_RECORD
     log: Log | None = None
     largest: Largest | None = None
     statistics: Statistics = NO_STATISTICS
+    until: Until = NO_END
 
 
 @kernel
@@ -523,6 +582,71 @@ def add_contact_pulls(pulled, y, v, stops, laws, responses):
 
 
 @kernel
+def is_exceeded(forces, hits, peaks, i):
+    """Whether the force of a stop exceeded its limit in a step, in contacts that last or ended.
+
+    Contacts with one stop that ended in one step count with their mean peak force: so soon after
+    one another they are nearly alike. Their sums begin anew.
+    """
+    exceeded = False
+    for j in range(forces.shape[0]):
+        for which in range(2):
+            row, force = ROWS_OF_PAIR + ROWS_OF_STOP * which, peaks[i, j, which]
+            ended = hits[j, row + ENDED, i]
+            if ended > 0.0:
+                force = max(force, hits[j, row + PEAK, i] / ended)
+            hits[j, row + PEAK, i] = hits[j, row + ENDED, i] = 0.0
+            exceeded |= force > forces[j, which]
+    return exceeded
+
+
+@kernel
+def mark_ends(until, state, hits, marks, start, lanes, made):
+    """Mark the lanes that have not ended before, and end now by their energy, impacts, or time;
+    returns how many have not ended before."""
+    steps, top, most = until.steps[start:], until.top[start:], until.most[start:]
+    going, modes = 0, until.squares.shape[0]
+    for i in range(lanes):
+        marks[i] = 0.0
+    for k in range(modes):
+        for i in range(lanes):
+            q, p = state[k, i], state[modes + k, i]
+            marks[i] += p * p + until.squares[k] * q * q
+    for i in range(lanes):
+        on, energy = steps[i] == 0, marks[i]
+        top[i] = max(top[i], energy) if on else top[i]
+        marks[i] = 1.0 if on & ((energy >= until.level) | (made >= most[i])) else 0.0
+        going += 1 if on else 0
+    for j in range(hits.shape[0] if until.impacts else 0):
+        for i in range(lanes):
+            hit = (steps[i] == 0) & (hits[j, 0, i] + hits[j, 3, i] > 0.0)
+            marks[i] = 1.0 if hit else marks[i]
+    return going
+
+
+@kernel
+def end_paths(until, state, hits, peaks, marks, words0, words1, start, lanes, made):
+    """Note where paths end after `made` steps; returns how many of the lanes go on."""
+    going = mark_ends(until, state, hits, marks, start, lanes, made)
+    forced = until.forces.shape[0] > 0
+    for i in range(lanes):
+        path = start + i
+        exceeded = forced and until.steps[path] == 0 and is_exceeded(until.forces, hits, peaks, i)
+        if (marks[i] == 0.0) & (not exceeded):
+            continue
+        seen = 0.0
+        for j in range(hits.shape[0]):
+            seen += hits[j, 0, i] + hits[j, 3, i]
+        until.happened[path] = exceeded | (until.impacts & (seen > 0.0))
+        until.steps[path], until.seen[path] = made, seen
+        until.streams[0, path], until.streams[1, path] = words0[i], words1[i]
+        for row in range(until.state.shape[0]):
+            until.state[row, path] = state[row, i]
+        going -= 1
+    return going
+
+
+@kernel
 def following_of(largest, start, counted, spare, ends, before, after):
     """What the accelerations of all lanes are made from in a step; `spare` gets those that are not
     counted."""
@@ -682,10 +806,11 @@ def run_modes(paths, structure, laws, tables, fastest, kicks, steps, outputs, fl
     """
     rows = ROWS_OF_PAIR if fastest is None else ROWS_OF_CONTACT_PAIR
     states, count_of_paths = paths.state.shape
+    width = min(LANES, count_of_paths)
     room = make_room(
-        states, paths.sums.shape[0], min(LANES, count_of_paths), structure, rows,
-        0 if fastest is None else LANES_TOGETHER, outputs_of(outputs.largest), count_of(kicks),
-        sampled_of(tables, structure.modes), columns_of_largest(outputs.largest),
+        states, paths.sums.shape[0], width, structure, rows, 0 if fastest is None else width,
+        outputs_of(outputs.largest), count_of(kicks), sampled_of(tables, structure.modes),
+        columns_of_largest(outputs.largest),
     )  # fmt: skip
     advance(
         borrowed(paths), borrowed(structure), borrowed(laws), borrowed(tables), fastest,
@@ -825,12 +950,12 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
                     largest, start, counted, room.spare, room.forces, pull_0, pull_1
                 )
                 scene = Scene(
-                    step, stops, laws, responses, room.work, Ends(y0, v0, a0, y1, v1, a1), new,
-                    added_to, peaks, words0, log, start, number, followed,
+                    step, stops, laws, responses, structure.known, room.work,
+                    Ends(y0, v0, a0, y1, v1, a1), new, added_to, peaks, words0, log, start,
+                    number, followed,
                 )  # fmt: skip
-                for k in range(0, count, LANES_TOGETHER):
-                    marked = index[k : min(k + LANES_TOGETHER, count)]
-                    finish_together(marked, borrowed(scene), fastest, room.waiting)
+                if count > 0:
+                    finish_together(index[:count], borrowed(scene), fastest, room.waiting)
                 if recording & counted:
                     for j in range(pairs):
                         for i in range(lanes):
@@ -856,6 +981,13 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
             if following:
                 add_up(total, old, smooth)
                 matrix_pass(pull_0, 0.0, total, passes.pulls, width)
+            if outputs.until.most.shape[0] > 0:
+                made = number - first + 1
+                going = end_paths(
+                    outputs.until, old, hits, peaks, marks, words0, words1, start, lanes, made
+                )
+                if going == 0:
+                    break
             if counted:
                 if number % stride == 0:
                     if tables is None:
