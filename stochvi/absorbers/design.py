@@ -30,6 +30,7 @@ from stochvi.methods.monte_carlo.simulation import compile_kernels
 from stochvi.methods.periodic import HarmonicResponse, harmonic_response
 from stochvi.methods.periodic.continuation import even_regimes
 from stochvi.methods.periodic.family import Family, Numbers, forced, parts_of
+from stochvi.model.coverage import functions
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import DataFrame, Result, frame_of, stacked, total_cost
 from stochvi.results.deadline import Deadline, partial_result
@@ -1065,6 +1066,8 @@ class _Solver:
         low, high = float(values[0]), float(values[-1])
         if low == high:
             low, high = low - 1e-3 * abs(low), high + 1e-3 * abs(high)
+        if conditions := functions(model):
+            raise NotApplicable("sine", conditions)
         family = Family.of(self._model_at(found.key), low, high, self.carrier)
         return _within(family, family.sigma(values))
 

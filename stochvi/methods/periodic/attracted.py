@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import math
 import time
-from abc import abstractmethod
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, replace
 from functools import cached_property
 from typing import Any, Unpack
@@ -18,11 +17,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from stochvi.mathematics.numerics import Matrix, Vector, Whole
 from stochvi.methods.periodic.branches import Finder
-from stochvi.methods.periodic.contact_branches import FOLLOWED_AT_ONCE, ContactFinder, finder_of
+from stochvi.methods.periodic.contact_branches import FOLLOWED_AT_ONCE, ContactFinder
 from stochvi.methods.periodic.continuation import ROUNDING, SETTLING, Track, simulate
-from stochvi.methods.periodic.family import Family, States, unmet
+from stochvi.methods.periodic.family import States, unmet
 from stochvi.methods.periodic.kernels import flights, solver
-from stochvi.methods.periodic.sine_response import MARGIN, SWEEPS, noise_left_out, too_slow, varied
+from stochvi.methods.periodic.sine_response import (
+    MARGIN,
+    SWEEPS,
+    noise_left_out,
+    searching,
+    varied,
+)
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import DataFrame, Result, frame_of, stacked, stated
 from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt
@@ -238,24 +243,33 @@ class KnownMotions:
                  for _ in each.points]  # fmt: skip
         return np.array([*known, UNDECIDED], np.int64)
 
-    def settle(self, states: Matrix, angle: float, periods: int) -> Whole:
+    def flown(self, states: Matrix, periods: int, angle: float = 0.0) -> Whole:
         """Simulate states, in their place, over an angle up to the phase and some periods, or to a
-        periodic motion. Returns the number of each motion, or UNDECIDED."""
+        periodic motion. Returns the number of each target, or NO_ATTRACTOR or LOST."""
         found = np.empty(len(states), np.int64)
         lead = flights.course_of(self.motion, self.phase - angle, angle)
         flights.settle_flights(lead, self.course, states, periods, self.targets, found)
+        return found
+
+    def settle(self, states: Matrix, angle: float, periods: int) -> Whole:
+        """As `flown`, with the number of each motion, or UNDECIDED."""
+        found = self.flown(states, periods, angle)
         return np.asarray(self.owners[np.where(found == flights.LOST, flights.NO_ATTRACTOR, found)])
+
+    def path(self, states: Matrix) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Simulate states, in their place, over the last periods: their states before each
+        (number, LAST, 2 n), and which could be followed."""
+        path, free = np.empty((len(states), LAST, states.shape[1])), replace(self, found=())
+        known = np.ones(len(states), bool)
+        for period in range(LAST):
+            path[:, period] = states
+            known &= free.flown(states, 1) != flights.LOST
+        return path, known
 
     def lie_in(self, number: int, states: Matrix) -> NDArray[np.bool_]:
         """Whether flights from states come to lie among those of a motion that is not periodic."""
-        states, path = states.copy(), np.empty((len(states), LAST, states.shape[1]))
-        none = flights.Targets(*(each[:0] for each in self.targets))
-        lead = flights.course_of(self.motion, self.phase, 0.0)
-        lost = np.empty(len(states), np.int64)
-        for period in range(LAST):
-            path[:, period] = states
-            flights.settle_flights(lead, self.course, states, 1, none, lost)
-        return np.asarray(self.found[number].holds(path) & (lost != flights.LOST))
+        path, known = self.path(states.copy())
+        return np.asarray(self.found[number].holds(path) & known)
 
     def ends_of(self, states: Matrix, periods: int) -> Whole:
         """Number of the motion in which each of some states ends, or UNDECIDED; the states are
@@ -286,7 +300,8 @@ class Attractors:
         ]
         struck = [track.points[number, :-1] for track, number in chosen if track.stops]
         self.phase = _farthest(np.concatenate(struck) if struck else np.zeros(1))
-        self.course = flights.course_of(self.motion, self.phase, 2.0 * math.pi)
+        self.free = KnownMotions(self.motion, self.phase, ())
+        self.course = self.free.course
         self.found: list[Attractor] = []
         for track, number in chosen:
             self._add(track.part(slice(number, number + 1)))
@@ -318,13 +333,11 @@ class Attractors:
             phase = float(track.points[0, 0])
             touch.fastest[0] = solver.strike(self.motion, track.stops[0], y)
             touch.on[1] = track.stops[0]
-        none, log = np.empty((len(y), 0)), np.empty((0, 3))
-        angle = (self.phase - phase) % (2.0 * math.pi)
-        if angle > 0.0:
-            flights.fly(flights.course_of(self.motion, phase, angle), y, touch, none, log, 0)
+        none, angle = np.empty((len(y), 0)), (self.phase - phase) % (2.0 * math.pi)
+        flights.carry(flights.course_of(self.motion, phase, angle), y, touch, none)
         points = [y.copy()]
         for _ in range(track.periods - 1):
-            flights.fly(self.course, y, touch, none, log, 0)
+            flights.carry(self.course, y, touch, none)
             points.append(y.copy())
         return np.array(points)
 
@@ -341,7 +354,7 @@ class Attractors:
         factors, y = eye.copy(), point.copy()
         touch = solver.free_touch()
         for _ in range(track.periods):
-            flights.fly(self.course, y, touch, factors, np.empty((0, 3)), 0)
+            flights.carry(self.course, y, touch, factors)
         share = math.sqrt(max(float(np.abs(np.linalg.eigvals(factors)).max()), 1e-6))
         form = np.asarray(scipy.linalg.solve_discrete_lyapunov(factors.T / share, eye), float)
         form = np.asarray(0.5 * (form + form.T), float)
@@ -362,19 +375,9 @@ class Attractors:
 
     def _approach(self, starts: Matrix, point: Vector, form: Matrix, periods: int) -> bool:
         before = np.einsum("ki,ij,kj->k", starts - point, form, starts - point)
-        lost = self._flown(starts, periods)
+        lost = self.free.flown(starts, periods) == flights.LOST
         after = np.einsum("ki,ij,kj->k", starts - point, form, starts - point)
-        return not lost and bool(np.all(after < before))
-
-    def _flown(self, states: Matrix, periods: int) -> bool:
-        """Simulate states over some periods, which replaces them; return whether one could not be
-        followed."""
-        n = states.shape[1]
-        none = flights.Targets(np.empty((0, n)), np.empty((0, n, n)), np.empty(0))
-        found = np.empty(len(states), np.int64)
-        lead = flights.course_of(self.motion, self.phase, 0.0)
-        flights.settle_flights(lead, self.course, states, periods, none, found)
-        return bool(np.any(found == flights.LOST))
+        return not np.any(lost) and bool(np.all(after < before))
 
     def _by_energy(self, margin: float) -> tuple[Matrix, float] | None:
         """The energy of a difference and its value below which no stop within a margin is met; None
@@ -408,13 +411,12 @@ class Attractors:
     def reveal(self, state: Vector) -> int | None:
         """The number of the motion in which a flight from a state ends, which is added if it is
         new; None where that is not clear."""
-        before, states, found = self.known(), state[None].copy(), np.empty(1, np.int64)
-        lead = flights.course_of(self.motion, self.phase, 0.0)
-        flights.settle_flights(lead, self.course, states, CAPTURE_PERIODS, before.targets, found)
-        if found[0] == flights.LOST:
+        before, states = self.known(), state[None].copy()
+        (found,) = before.flown(states, CAPTURE_PERIODS)
+        if found == flights.LOST:
             return None
-        if found[0] != flights.NO_ATTRACTOR:
-            return int(before.owners[found[0]])
+        if found != flights.NO_ATTRACTOR:
+            return int(before.owners[found])
         settled = simulate(self.motion, states[0], SETTLING, self.phase)
         regime = None if settled is None else self.finder.regime_of(settled, self.sigma)
         if regime is not None:
@@ -464,14 +466,10 @@ class Attractors:
         moved = DISTURBED * float(np.abs(points).max()) * ways
         states = np.where(self.possible(chosen + moved)[:, None], chosen + moved, chosen - moved)
         states = np.ascontiguousarray(states[self.possible(states)])
-        if self._flown(states, max(2 * motion.cycle, SETTLING)):
+        if np.any(self.free.flown(states, max(2 * motion.cycle, SETTLING)) == flights.LOST):
             return False
-        path = np.empty((len(states), LAST, states.shape[1]))
-        for period in range(LAST):
-            path[:, period] = states
-            if self._flown(states, 1):
-                return False
-        return bool(np.all(motion.holds(path)))
+        path, known = self.free.path(states)
+        return bool(np.all(motion.holds(path) & known))
 
 
 def _farthest(phases: Vector) -> float:
@@ -770,8 +768,8 @@ RECOGNISED = (
 def unmet_by_flights(model: Model, *, of_any_force: bool = False) -> list[str]:
     """Sentences on what flights from many starts do not follow, with a remedy where there is one;
     `of_any_force` as for `Place`."""
-    conditions = unmet(model, compliant=of_any_force, with_functions=of_any_force)
-    instead = "" if unmet(model, compliant=True, with_functions=True) else INSTEAD
+    conditions = unmet(model, any_force=of_any_force)
+    instead = "" if unmet(model, any_force=True) else INSTEAD
     return [each + instead for each in conditions]
 
 
@@ -789,15 +787,10 @@ class Place:
             raise NotApplicable("sine" if of_any_force else "basins", conditions)
         _, values, scene_at = varied(scene, None, None)
         value = float(values[0])
-        low, high = (1.0 - MARGIN) * value, (1.0 + MARGIN) * value
-        self.family = Family.of(
-            lambda each: model_of(scene_at(each)), low, high, None, with_functions=of_any_force
-        )
-        self.sigma = float(self.family.sigma(value))
+        ends = (1.0 - MARGIN) * value, (1.0 + MARGIN) * value
+        self.finder = searching(scene_at, ends, values, None, most_impacts, deadline)
+        self.family, self.sigma = self.finder.family, float(self.finder.grid[0])
         self.states = States(self.model, self.family, self.sigma)
-        self.finder = finder_of(self.family, np.array([self.sigma]), most_impacts, deadline)
-        if slow := too_slow(self.finder):
-            raise NotApplicable("sine", [slow])
 
     @property
     def period(self) -> float:
@@ -886,8 +879,7 @@ class Place:
     ) -> BasinRegime:
         state = each.points[-1].copy()
         lead = flights.course_of(known.motion, known.phase, (phase - known.phase) % (2.0 * math.pi))
-        none = np.empty((len(state), 0))
-        flights.fly(lead, state, solver.free_touch(), none, np.empty((0, 3)), 0)
+        flights.carry(lead, state, solver.free_touch(), np.empty((len(state), 0)))
         (there,) = self.states.physical(state[None])
         n = len(self.model.mass)
         if each.track is not None:
@@ -929,57 +921,39 @@ def rate_of(mean: float, error: float, period: float, how: str) -> Estimate | No
 
 @dataclass(frozen=True, eq=False)
 class StartSampler(TrialSampler):
-    """Blocks of starts, each of which brings its states. `origin` is a digest of the states of all
-    starts, and `together` the number of those that are simulated together."""
+    """Blocks of starts, each of which brings its states.
+
+    They are simulated over an angle and some periods, or to a periodic regime. With a `number` they
+    are asked whether they come to lie among the states of that motion. `origin` is a digest of the
+    states of all starts, and `together` the number of those that are simulated together.
+    """
 
     known: KnownMotions
     origin: str
     together: int
+    periods: int
+    angle: float = 0.0
+    number: int | None = None
 
     @property
     def block(self) -> int:
         """Number of starts in a block."""
         return self.together
 
-    @abstractmethod
-    def fly(self, states: Matrix) -> tuple[Matrix, Whole]:
-        """Later states of some starts, and numbers of motions or UNDECIDED."""
-
     def trial(
         self, first_path: int, paths: int, deadline: Deadline, states: Matrix | None = None
     ) -> tuple[Matrix, Whole]:
-        """Later states and ends of a block, which brings its states."""
+        """Later states of a block, which brings its states, and numbers of motions or UNDECIDED."""
         assert states is not None
-        return self.fly(states)
+        if self.number is not None:
+            held = self.known.lie_in(self.number, states)
+            return states, np.where(held, self.number, UNDECIDED)
+        states = states.copy()
+        return states, self.known.settle(states, self.angle, self.periods)
 
     def paths(self, sample: list[Any]) -> int:
         """Number of starts."""
         return sum(len(ends) for _, ends in sample)
-
-
-@dataclass(frozen=True, eq=False)
-class SettlingSampler(StartSampler):
-    """Starts that are simulated over an angle and some periods, or to a periodic regime."""
-
-    angle: float
-    periods: int
-
-    def fly(self, states: Matrix) -> tuple[Matrix, Whole]:
-        """Last states, and numbers of motions."""
-        states = states.copy()
-        return states, self.known.settle(states, self.angle, self.periods)
-
-
-@dataclass(frozen=True, eq=False)
-class ComparingSampler(StartSampler):
-    """Starts that may come to lie among the states of a motion of a number."""
-
-    number: int
-
-    def fly(self, states: Matrix) -> tuple[Matrix, Whole]:
-        """The same states, and the number of the motion or UNDECIDED."""
-        held = self.known.lie_in(self.number, states)
-        return states, np.where(held, self.number, UNDECIDED)
 
 
 class BasinRun:
@@ -1000,10 +974,10 @@ class BasinRun:
                 "stop"
             )
         first = min(self.periods, FIRST)
-        self._settle((self.known.phase - self.phase) % (2.0 * math.pi), first)
+        self._sample(first, (self.known.phase - self.phase) % (2.0 * math.pi))
         self._reveal(first)
         if self.periods > first:
-            self._settle(0.0, self.periods - first)
+            self._sample(self.periods - first)
             self._reveal(self.periods - first)
         return self.found
 
@@ -1023,18 +997,13 @@ class BasinRun:
             if len(known.found) == before:
                 fruitless += 1
             elif known.found[-1].kind == PERIODIC:
-                self._settle(0.0, periods)
+                self._sample(periods)
             else:
-                self._sample(ComparingSampler, LAST, len(known.found) - 1)
+                self._sample(LAST, number=len(known.found) - 1)
             self.run.tell(*self._ended(0))
 
-    def _settle(self, angle: float, periods: int) -> None:
-        """Simulate the undecided starts over an angle and some periods, or to a periodic regime."""
-        self._sample(SettlingSampler, periods, angle, periods)
-
-    def _sample(self, kind: Callable[..., StartSampler], periods: int, *fields: Any) -> None:
-        """Take states and ends of the undecided starts from a sampler that simulates them over so
-        many periods."""
+    def _sample(self, periods: int, angle: float = 0.0, number: int | None = None) -> None:
+        """Take states and ends of the undecided starts from a `StartSampler`."""
         left = np.flatnonzero(self.found == UNDECIDED)
         if not len(left) or self.run.deadline.passed():
             return
@@ -1043,7 +1012,8 @@ class BasinRun:
         def tell(sample: list[tuple[Matrix, Whole]]) -> tuple[float, str]:
             return self._ended(sum(int(np.sum(ends != UNDECIDED)) for _, ends in sample))
 
-        sampler = kind(self.known.known(), digest_of(states), block_of(periods), *fields)
+        known, origin = self.known.known(), digest_of(states)
+        sampler = StartSampler(known, origin, block_of(periods), periods, angle, number)
         taken = self.run.until(
             sampler, len(left), tell=tell,
             start=lambda _, first, number: states[first : first + number],
@@ -1263,16 +1233,11 @@ def bifurcation(
     low, high = float(values[0]), float(values[-1])
     if low == high:
         raise ValueError(f"{key} must have at least two values, got {low:g}")
-    family = Family.of(
-        lambda value: model_of(scene_at(value)), low, high, None, with_functions=True
-    )
-    finder = finder_of(family, family.sigma(values), 1, deadline)
-    if slow := too_slow(finder):
-        raise NotApplicable("sine", [slow])
+    finder = searching(scene_at, (low, high), values, None, 1, deadline)
+    states = States(model_of(scene), finder.family, 0.5)
     with graceful_interrupt():
         sweeps = tuple(
-            _swept(finder, upwards, settling, watched, States(model_of(scene), family, 0.5), start)
-            for upwards in SWEEPS[sweep]
+            _swept(finder, upwards, settling, watched, states, start) for upwards in SWEEPS[sweep]
         )
     answer = Bifurcation(
         key=key,

@@ -307,25 +307,23 @@ def _rest_before(release: Vector, struck: Matrix, periods: int) -> float:
 def _factors(motion: solver.Motion, state: Vector, periods: int) -> Matrix:
     """The factors by which small perturbations change over a number of periods."""
     course = flights.course_of(motion, 0.0, 2.0 * math.pi)
-    y, touch, none = state.copy(), solver.free_touch(), np.empty((0, 3))
+    y, touch = state.copy(), solver.free_touch()
     # a state on a stop is known to rest there after a period
     for _ in range(periods):
-        flights.fly(course, y, touch, np.empty((len(y), 0)), none, 0)
+        flights.carry(course, y, touch, np.empty((len(y), 0)))
     factors = np.eye(len(y))
     if touch.on[0] != solver.FREE:
         for column in range(len(y)):
             flights.settle_on(motion, touch.on[0], factors[:, column])
     for _ in range(periods):
-        flights.fly(course, y, touch, factors, none, 0)
+        flights.carry(course, y, touch, factors)
     return factors
 
 
 def at_phase_0(motion: solver.Motion, state: Vector, phase: float) -> Vector:
     """A state at the next phase 0 of the force, from one at another phase."""
-    y, angle = state.copy(), -phase % (2.0 * math.pi)
-    if angle > 0.0:
-        course = flights.course_of(motion, phase, angle)
-        flights.fly(course, y, solver.free_touch(), np.empty((len(y), 0)), np.empty((0, 3)), 0)
+    y, course = state.copy(), flights.course_of(motion, phase, -phase % (2.0 * math.pi))
+    flights.carry(course, y, solver.free_touch(), np.empty((len(y), 0)))
     return y
 
 

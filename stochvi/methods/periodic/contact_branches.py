@@ -114,17 +114,6 @@ class Orbit(NamedTuple):
         return float(np.abs(self.ends - state).max(axis=1).min())
 
 
-class ContactMotion(NamedTuple):
-    """The result of the flow over some periods."""
-
-    ends: Matrix
-    factors: Matrix
-    log: Matrix
-    displacement: float
-    acceleration: float
-    amplitude: float
-
-
 class Precision(NamedTuple):
     """Numbers that depend on how exact the flow is, and on its price.
 
@@ -215,7 +204,7 @@ class ContactFinder(Finder):
 
     def flown(
         self, sigma: float, state: Vector, periods: int, phase: float = 0.0, *, factors: bool = True
-    ) -> ContactMotion | None:
+    ) -> FinalMotion | None:
         """A motion over some periods; None where contacts come too fast to be followed."""
         return self.perturbed(
             sigma, state, periods, np.eye(self.size, self.size if factors else 0), phase
@@ -223,30 +212,27 @@ class ContactFinder(Finder):
 
     def perturbed(
         self, sigma: float, state: Vector, periods: int, perturbations: Matrix, phase: float = 0.0
-    ) -> ContactMotion | None:
+    ) -> FinalMotion | None:
         """As `flown`; the factors are what becomes of small perturbations (size, number) of its
         start, over at most FOLLOWED_AT_ONCE periods."""
         ends, log = np.empty((periods + 1, self.size)), np.zeros((MOST_KEPT, 3 + self.size))
         grown = perturbations.copy()
-        hits, *sizes = flow.flow(
+        hits, displacement, acceleration, amplitude = flow.flow(
             self.system(sigma), np.ascontiguousarray(state), phase, flow.Record(ends, log, grown)
         )
         if hits < 0 or not np.all(np.isfinite(ends)):
             return None
         kept = log[: min(hits, MOST_KEPT)]
         kept = kept[np.argsort(kept[:, 0], kind="stable")]
-        return ContactMotion(ends, grown, kept, *sizes)
+        return FinalMotion(
+            ends, phase, kept, displacement, acceleration, amplitude=amplitude, factors=grown
+        )
 
     def simulate(
         self, sigma: float, state: Vector, phase: float = 0.0, periods: int = LOOKED_AT
     ) -> FinalMotion | None:
         # all motions start at the phase 0, where regimes are known
-        flown = self.flown(sigma, state, periods, factors=False)
-        if flown is None:
-            return None
-        return FinalMotion(
-            flown.ends, 0.0, flown.log[:, :3], flown.displacement, flown.acceleration
-        )
+        return self.flown(sigma, state, periods, factors=False)
 
     def _place_of(self, settled: FinalMotion, sigma: float) -> OnBranch | None:
         orbit = self._settled_orbit(settled, sigma)
@@ -274,7 +260,7 @@ class ContactFinder(Finder):
         found = (self.at_point(point, track.periods, factors=False) for point in track.points)
         return np.array([np.nan if each is None else each.amplitude for each in found])
 
-    def at_point(self, u: Vector, periods: int, *, factors: bool = True) -> ContactMotion | None:
+    def at_point(self, u: Vector, periods: int, *, factors: bool = True) -> FinalMotion | None:
         """The motion from a point of a branch on; None where it cannot be followed."""
         return self.flown(u[-1] / solver.WEIGHT, u[:-1], periods, factors=factors)
 

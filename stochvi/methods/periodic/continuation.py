@@ -400,12 +400,12 @@ MOST_SIMULATED = 24
 """Largest number of impacts of a regime that Newton's iteration takes from a simulation."""
 
 
-@dataclass(frozen=True, eq=False)
-class FinalMotion:
-    """The end of a simulated motion: `ends`, the states after its periods, and the phase of the
-    force at which it started. `log` holds its last impacts and releases: phase, stop or -1 less the
-    stop, speed. Then come the largest displacement and acceleration of the last period, and the
-    stop that is rested on, or FREE.
+class FinalMotion(NamedTuple):
+    """A simulated motion: `ends`, the states after its periods, and the phase of the force at which
+    it started. `log` holds its last impacts and releases: phase, stop or -1 less the stop, speed,
+    and the state where the flow gives it. Then come the largest displacement and acceleration of
+    the last period, and the stop that is rested on, or FREE. The flow also gives the amplitude of
+    the first harmonic, and the factors of small perturbations.
     """
 
     ends: Matrix
@@ -414,6 +414,8 @@ class FinalMotion:
     displacement: float
     acceleration: float = 0.0
     resting: int = solver.FREE
+    amplitude: float = math.nan
+    factors: Matrix = np.empty((0, 0))
 
     @property
     def state(self) -> Vector:

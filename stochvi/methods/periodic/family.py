@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -209,12 +209,7 @@ class Numbers:
     @property
     def flat(self) -> Vector:
         """All numbers one after another, as one array."""
-        parts = (
-            self.stiffness, self.damping, self.forces, self.rows, self.distances,
-            self.restitutions, [self.omega], self.output, self.base,
-            self.shapes,
-        )  # fmt: skip
-        return np.concatenate([np.ravel(part) for part in parts])
+        return np.concatenate([np.ravel(getattr(self, field.name)) for field in fields(self)])
 
     @property
     def sizes(self) -> tuple[int, int, int]:
@@ -233,24 +228,15 @@ class Numbers:
         rate = max(self.omega, math.sqrt(max(float(np.linalg.eigvalsh(self.stiffness)[-1]), 0.0)))
         pushed = reach * float(np.max(np.abs(self.forces))) / rate**2
         length = max(pushed, float(np.max(np.abs(self.distances), initial=0.0)))
-        q = length / reach
-        shapes = [np.ones_like(part) for part in (self.stiffness, self.forces, self.rows)]
-        return (
-            Numbers(
-                stiffness=shapes[0] * rate**2,
-                damping=shapes[0] * rate,
-                forces=shapes[1] * rate**2 * q,
-                rows=shapes[2] * reach,
-                distances=np.full_like(self.distances, length),
-                restitutions=np.ones_like(self.restitutions),
-                omega=rate,
-                output=np.full_like(self.output, reach),
-                base=np.full_like(self.base, rate**2 * length),
-                shapes=shapes[0] * reach,
-            ),
-            length,
-            1.0 / rate,
-        )
+        scales = {
+            "stiffness": rate**2, "damping": rate, "forces": rate**2 * (length / reach),
+            "rows": reach, "distances": length, "restitutions": 1.0, "omega": rate,
+            "output": reach, "base": rate**2 * length, "shapes": reach,
+        }  # fmt: skip
+        units: dict[str, Any] = {
+            name: np.full(np.shape(getattr(self, name)), unit) for name, unit in scales.items()
+        }
+        return Numbers(**units), length, 1.0 / rate
 
 
 def parts_of(flat: Matrix, sizes: tuple[int, int, int]) -> dict[str, NDArray[np.float64]]:
@@ -274,7 +260,23 @@ def amplitudes(
     flat: Matrix, sizes: tuple[int, int, int], stops: Sequence[int], periods: int, theta: Matrix,
     speeds: Matrix,
 ) -> Vector:  # fmt: skip
-    """Amplitude of the first harmonic of the output of regimes, from their impulses.
+    """Amplitude of the first harmonic of the output of regimes, as of `first_harmonics`.
+
+    Returns
+    -------
+    Vector
+        (points,), in the unit of length of the numbers; NaN at resonance without damping.
+    """  # fmt: skip
+    moved = first_harmonics(flat, sizes, stops, periods, theta, speeds)
+    output = parts_of(flat, sizes)["output"]
+    return np.asarray(np.abs(np.einsum("pi,pi->p", output, moved)))
+
+
+def first_harmonics(
+    flat: Matrix, sizes: tuple[int, int, int], stops: Sequence[int], periods: int, theta: Matrix,
+    speeds: Matrix,
+) -> Waves:  # fmt: skip
+    """First harmonics (points, n) of the coordinates of regimes, from their impulses.
 
     They are `q = (K - w^2 + i w C)^-1 (B_cos - i B_sin + w / (pi P) sum of J_k e^(-i theta_k))`. P
     is the number of periods, and J_k = -(1 + R) v_k row / (row . row) the change of q' by an
@@ -287,12 +289,7 @@ def amplitudes(
     stops, periods, theta, speeds
         The regimes: stops that they hit, periods, and phases and speeds of the impacts (points,
         impacts).
-
-    Returns
-    -------
-    Vector
-        (points,), in the unit of length of the numbers; NaN at resonance without damping.
-    """  # fmt: skip
+    """
     parts = parts_of(flat, sizes)
     omega, word = parts["omega"][:, None], list(stops)
     pushed = parts["forces"][:, :, 0] - 1j * parts["forces"][:, :, 1]
@@ -301,8 +298,7 @@ def amplitudes(
         sizes_of_jumps = (1.0 + parts["restitutions"][:, word]) * speeds / squares[:, word]
         waves = -omega / (math.pi * periods) * sizes_of_jumps * np.exp(-1j * theta)
         pushed = pushed + np.einsum("pk,pki->pi", waves, rows[:, word])
-    moved = forced(parts, omega[:, 0], pushed)
-    return np.asarray(np.abs(np.einsum("pi,pi->p", parts["output"], moved)))
+    return forced(parts, omega[:, 0], pushed)
 
 
 def forced(parts: Mapping[str, Matrix], omega: Vector, force: Waves) -> Waves:
@@ -314,21 +310,20 @@ def forced(parts: Mapping[str, Matrix], omega: Vector, force: Waves) -> Waves:
     return np.asarray(np.linalg.solve(matrix, force[:, :, None])[:, :, 0])
 
 
-def unmet(model: Model, *, compliant: bool = False, with_functions: bool = False) -> list[str]:
-    """The conditions of periodic regimes that a model does not meet, in sentences; `compliant`
-    says that stops need not be rigid, and `with_functions` that springs and dampers may be
-    functions."""
-    if with_functions:
+def unmet(model: Model, *, any_force: bool = False) -> list[str]:
+    """The conditions of periodic regimes that a model does not meet, in sentences; `any_force` says
+    that stops need not be rigid, and that springs and dampers may be functions."""
+    if any_force:
         found = not_followed(model) + speed_restitutions(model) + rubbing(model)
     else:
         found = functions(model)
     found = [*found, *scattered(model)]
-    kinds = "one whose force a simulation follows" if compliant else "'restitution'"
+    kinds = "one whose force a simulation follows" if any_force else "'restitution'"
     found += [
         f"law.kind must be {kinds}, got {stop.law.kind!r} at the {stop.name} stop of {pair.name}"
         for pair in model.pairs
         for stop in pair.stops
-        if not stop.rigid and not (compliant and stop.law.form() is not None)
+        if not stop.rigid and not (any_force and stop.law.form() is not None)
     ]
     if not model.sines:
         found.append("the scene needs an excitation of kind = 'sine', got none")
@@ -432,10 +427,8 @@ class Family:
         low: float,
         high: float,
         coordinate: str | None,
-        *,
-        with_functions: bool = False,
     ) -> Family:
-        """The family of the models at the values of a range; `with_functions` as in `unmet`.
+        """The family of the models at the values of a range.
 
         Raises
         ------
@@ -443,7 +436,7 @@ class Family:
             If a model is not covered.
         """
         middle = model_at(_value(low, high, 0.5))
-        if conditions := unmet(middle, compliant=True, with_functions=with_functions):
+        if conditions := unmet(middle, any_force=True):
             raise NotApplicable("sine", conditions)
         number = 0 if coordinate is None else _place(middle, coordinate)
         numbers = numbers_of(middle, number)

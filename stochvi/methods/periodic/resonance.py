@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Self
 
@@ -19,15 +19,42 @@ from stochvi.mathematics.numerics import Matrix, Vector, gauss_panels
 from stochvi.mathematics.spectra import InputMatrix, Table, transition
 from stochvi.mathematics.units import shown, with_checks
 from stochvi.methods.periodic.continuation import even_regimes, widest
-from stochvi.methods.periodic.family import Numbers, unmet
-from stochvi.methods.periodic.sine_response import Branch, Harmonic, HarmonicResponse
+from stochvi.methods.periodic.family import (
+    Numbers,
+    first_harmonics,
+    numbers_of,
+    parts_of,
+    unmet,
+)
+from stochvi.methods.periodic.sine_response import (
+    Branch,
+    Harmonic,
+    HarmonicResponse,
+    at_frequency,
+)
 from stochvi.model.coverage import nonlinear
 from stochvi.model.model import Model, Pair, model_of
 from stochvi.results.base import DataFrame, frame_of
 from stochvi.results.errors import NotApplicable
 from stochvi.sampling.calculations import calculation
-from stochvi.scenes.excitations import Sine
 from stochvi.scenes.scene import Scene
+
+RANGES: dict[str, Callable[[float], bool]] = {
+    "greater than 0": lambda value: 0.0 < value < math.inf,
+    "0 or more": lambda value: 0.0 <= value < math.inf,
+    "in [0, 1]": lambda value: 0.0 <= value <= 1.0,
+    "in [0, 1)": lambda value: 0.0 <= value < 1.0,
+}
+"""Ranges of numbers, as messages name them."""
+
+
+def _check(numbers: object, wanted: str, *names: str) -> None:
+    """Raise ValueError for the first of some numbers that is outside a range; None is inside."""
+    for name in names:
+        value = getattr(numbers, name)
+        if value is not None and not RANGES[wanted](value):
+            raise ValueError(f"{name} must be {wanted}, got {value:g}")
+
 
 # ------------------------------------------------------------------------------
 # Vibro-impact resonance of any structure, and how long noise can maintain it.
@@ -37,6 +64,9 @@ from stochvi.scenes.scene import Scene
 # compliance at the pair, here mode by mode (Babitsky, section 14).
 # ------------------------------------------------------------------------------
 
+
+Strength = float | Table | Callable[[Vector], Vector]
+"""A noise: its white intensity, or its density."""
 
 HARMONICS = 255
 """Number of harmonics of a regime whose power noise of a table may supply. Those beyond have 0.2 %
@@ -82,7 +112,8 @@ class StructureResonance:
     both_sides
         Whether each pair meets two stops, half a period apart.
     noises
-        White intensities, or one-sided densities, each with the forces on the modes per unit of it.
+        White intensities, one-sided densities, or two-sided ones as functions of rad/s, each with
+        the forces on the modes per unit of it.
 
     Raises
     ------
@@ -113,13 +144,12 @@ class StructureResonance:
     restitution: ArrayLike
     frequency: float
     both_sides: bool
-    noises: Sequence[tuple[float | Table, ArrayLike]] = ()
+    noises: Sequence[tuple[Strength, ArrayLike]] = ()
 
     def __post_init__(self) -> None:
         for name in ("omega", "damping", "gaps", "clearance", "restitution"):
             object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
-        if not 0.0 < self.frequency < math.inf:
-            raise ValueError(f"frequency must be greater than 0, got {self.frequency:g}")
+        _check(self, "greater than 0", "frequency")
         if not np.all((self._restitution >= 0.0) & (self._restitution <= 1.0)):
             raise ValueError(f"restitution must be in [0, 1], got {self._restitution.tolist()}")
         if not self.both_sides and not np.all(self._omega > 0.0):
@@ -198,7 +228,7 @@ class StructureResonance:
             rows.append(side * modes.gaps[number])
             places.append(stop.distance - stop.side * float(modes.gaps[number] @ modes.rest))
             losses.append(stop.law.restitution)
-        noises: list[tuple[float | Table, ArrayLike]] = [
+        noises: list[tuple[Strength, ArrayLike]] = [
             (intensity, modes.shapes.T @ row) for intensity, row in model.whites
         ]
         for table, row in model.tables:
@@ -342,9 +372,10 @@ class StructureResonance:
         """
         total = 0.0
         for strength, forces in self.noises:
-            if isinstance(strength, Table):
-                hertz = self.frequency / math.tau * np.arange(1, HARMONICS + 1)
-                density = 0.5 * strength(hertz)
+            if callable(strength):
+                omega = self.frequency * np.arange(1.0, HARMONICS + 1)
+                tabulated = isinstance(strength, Table)
+                density = 0.5 * strength(omega / math.tau) if tabulated else strength(omega)
                 total += float(np.sum(0.5 * self.harmonics(forces) ** 2 * density))
             else:
                 g = np.asarray(forces, dtype=float)
@@ -506,14 +537,9 @@ class HarmonicResonance:
     periods: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("omega", "damping_rate"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must be at least 0, got {getattr(self, name):g}")
-        for name in ("amplitude", "frequency"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must be greater than 0, got {getattr(self, name):g}")
-        if not 0.0 <= self.restitution <= 1.0:
-            raise ValueError(f"restitution must be in [0, 1], got {self.restitution:g}")
+        _check(self, "0 or more", "omega", "damping_rate")
+        _check(self, "greater than 0", "amplitude", "frequency")
+        _check(self, "in [0, 1]", "restitution")
         if self.periods < 1 or self.periods % 2 == 0:
             raise ValueError(f"periods must be odd and at least 1, got {self.periods}")
         if self.damping_rate == 0.0 and self.omega == self.frequency:
@@ -643,13 +669,9 @@ class RandomResonance:
     both_sides: bool = True
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.restitution <= 1.0:
-            raise ValueError(f"restitution must be in [0, 1], got {self.restitution:g}")
-        if not (self.frequency > 0.0 and self.omega >= 0.0 and self.damping_rate >= 0.0):
-            raise ValueError(
-                "frequency must be above 0, and omega and damping_rate at least 0, got "
-                f"{self.frequency:g}, {self.omega:g} and {self.damping_rate:g}"
-            )
+        _check(self, "in [0, 1]", "restitution")
+        _check(self, "greater than 0", "frequency")
+        _check(self, "0 or more", "omega", "damping_rate")
         if self.both_sides and not (self.clearance > 0.0 and self.frequency > self.omega):
             raise ValueError("two stops need a clearance above 0 and a frequency above omega")
         swing = math.pi * self.omega / self.frequency
@@ -673,6 +695,9 @@ class RandomResonance:
             clearance=[self.clearance], restitution=[self.restitution], frequency=self.frequency,
             both_sides=self.both_sides,
         )  # fmt: skip
+
+    def _under(self, intensity: Strength) -> StructureResonance:
+        return replace(self._regime, noises=[(intensity, [1.0])])
 
     @property
     def impact_speed(self) -> float:
@@ -706,12 +731,7 @@ class RandomResonance:
         two-sided density S(omega), a function of rad/s that changes little over 1 / T: sqrt(sum
         of a_m^2 S(m w) / 2 T), a_m the harmonics of y0'.
         """
-        if callable(intensity):
-            at = self.frequency * np.arange(1, HARMONICS + 1)
-            supply = float(np.sum(self.harmonics**2 / 2.0 * intensity(at.astype(float))))
-        else:
-            supply = intensity * self.velocity_mean_square
-        return math.sqrt(supply / duration)
+        return self._under(intensity).random_power(duration)
 
     def longest(
         self, intensity: float | Callable[[Vector], Vector], probability: float = 0.98
@@ -721,8 +741,7 @@ class RandomResonance:
 
         The supply averaged over T is normal with mean 0, and the regime needs it to be N_d.
         """
-        z = quantile(probability)
-        return (z * self.random_power(intensity, 1.0) / self.power_loss) ** 2
+        return self._under(intensity).longest(probability)
 
     def smallest_narrow_band(self, probability: float = 0.98) -> float:
         """Rms (m/s^2) below which noise at w alone cannot maintain the regime (B 14.100, 14.101).
@@ -730,7 +749,7 @@ class RandomResonance:
         A narrow band keeps its phase: its power over any time has the deviation a_1 / 2 times its
         rms, a_1 the first harmonic of y0', so that N_d / (z a_1 / 2) is needed.
         """
-        return self.power_loss / (quantile(probability) * float(self.harmonics[0]) / 2.0)
+        return self._regime.smallest_narrow_band([1.0], probability)
 
 
 # ------------------------------------------------------------------------------
@@ -815,12 +834,8 @@ class Motor:
     inertia: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("idle_hz", "slope", "inertia"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value < math.inf:
-                raise ValueError(f"{name} must be greater than 0, got {value:g}")
-        if not 0.0 <= self.lag < math.inf:
-            raise ValueError(f"lag must be 0 s or more, got {self.lag:g}")
+        _check(self, "greater than 0", "idle_hz", "slope", "inertia")
+        _check(self, "0 or more", "lag")
         if self.lag and self.inertia is None:
             raise ValueError(f"inertia must be given with a lag, got none with {self.lag:g} s")
 
@@ -943,34 +958,17 @@ def sine_power(scene: Scene, branch: Branch) -> Vector:
         conditions.append(f"excitation must be one sine, got {len(model.sines)}")
     if conditions:
         raise NotApplicable("sine_power", conditions)
-    found = [_power(_turned(scene, f), branch, i) for i, f in enumerate(branch.frequency_hz)]
-    return np.array(found)
-
-
-def _turned(scene: Scene, frequency_hz: float) -> Model:
-    """The model with its sine at another frequency, on which its amplitude may depend."""
-    changed = [
-        each.model_copy(update={"frequency_hz": float(frequency_hz)})
-        if isinstance(each, Sine)
-        else each
-        for each in scene.excitations
-    ]
-    return model_of(scene.model_copy(update={"excitations": tuple(changed)}))
-
-
-def _power(model: Model, branch: Branch, point: int) -> float:
-    (sine,) = model.sines
-    known = {f"{p.name} {stop.name}": (p, stop) for p in model.pairs for stop in p.stops}
-    force = sine.amplitude * np.exp(1j * sine.phase) * sine.direction
-    pushed = force.copy()
-    for k, name in enumerate(branch.stops):
-        pair, stop = known[name]
-        jump = (1.0 + stop.law.restitution) * pair.mass * branch.impact_speed[point, k]
-        wave = np.exp(-1j * branch.phase[point, k]) * stop.side * pair.direction
-        pushed = pushed - sine.omega / (math.pi * branch.periods) * jump * wave
-    matrix = model.stiffness - sine.omega**2 * model.mass + 1j * sine.omega * model.damping
-    moved = np.linalg.solve(matrix, pushed)
-    return float((np.conj(force) @ (1j * sine.omega * moved)).real / 2.0)
+    factors = branch.frequency_hz / (model.sines[0].omega / math.tau)
+    numbers = [numbers_of(model_of(at_frequency(scene, float(each))), 0) for each in factors]
+    flat, sizes = np.array([each.flat for each in numbers]), numbers[0].sizes
+    known = [f"{pair.name} {stop.name}" for pair in model.pairs for stop in pair.stops]
+    stops = [known.index(each) for each in branch.stops]
+    moved = first_harmonics(
+        flat, sizes, stops, branch.periods, branch.phase, branch.impact_speed
+    )  # fmt: skip
+    parts = parts_of(flat, sizes)
+    force, omega = parts["forces"][:, :, 0] - 1j * parts["forces"][:, :, 1], parts["omega"][:, None]
+    return np.asarray(np.sum(np.conj(force) * 1j * omega * moved, axis=1).real / 2.0)
 
 
 # ------------------------------------------------------------------------------
@@ -1089,14 +1087,9 @@ class RelayBetweenStops:
     frequency: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("force", "clearance"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must be greater than 0, got {getattr(self, name):g}")
-        for name in ("damping_rate", "frequency"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must be 0 or more, got {getattr(self, name):g}")
-        if not 0.0 <= self.restitution <= 1.0:
-            raise ValueError(f"restitution must be in [0, 1], got {self.restitution:g}")
+        _check(self, "greater than 0", "force", "clearance")
+        _check(self, "0 or more", "damping_rate", "frequency")
+        _check(self, "in [0, 1]", "restitution")
         if self.restitution == 1.0 and self.damping_rate == 0.0:
             raise ValueError("damping_rate must be greater than 0 with a restitution of 1, got 0")
         if self.force <= self.least_force:
@@ -1331,17 +1324,14 @@ class SwitchedDrive:
     delay: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.restitution < 1.0:
-            raise ValueError(f"restitution must be in [0, 1), got {self.restitution:g}")
-        if not self.switching > 0.0:
-            raise ValueError(f"switching must be greater than 0 m, got {self.switching:g}")
+        _check(self, "in [0, 1)", "restitution")
+        _check(self, "greater than 0", "switching")
         if not 0.0 <= self.load < self.force:
             raise ValueError(
                 f"load must be in [0, force), got {self.load:g} with force {self.force:g}; a "
                 "larger load holds the striker on its stop"
             )
-        if not 0.0 <= self.delay < math.inf:
-            raise ValueError(f"delay must be 0 s or more, got {self.delay:g}")
+        _check(self, "0 or more", "delay")
 
     @classmethod
     def strongest(

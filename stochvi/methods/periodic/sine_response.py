@@ -696,14 +696,6 @@ UNSETTLED = 100
 itself."""
 
 
-class Step(NamedTuple):
-    """A jump of a sweep: its place, and displacement and impact speed before and after it."""
-
-    sigma: float
-    displacements: tuple[float, float]
-    speeds: tuple[float, float]
-
-
 class SweepState(NamedTuple):
     """A motion that a sweep has reached: a state at a phase of the force, the largest displacement
     and impact speed, and its place on a branch, if it is on one."""
@@ -727,7 +719,7 @@ class Sweep:
         self.finder, self.direction = finder, 1.0 if upwards else -1.0
         self.upwards, self.elsewhere = upwards, list[float]()
 
-    def steps(self) -> Iterator[Step]:
+    def jumps(self) -> Iterator[Jump]:
         """The jumps, in the order of the sweep."""
         start = 0.0 if self.upwards else 1.0
         here = self._reached(start, self.finder.at_rest(start), 0.0)
@@ -736,9 +728,9 @@ class Sweep:
                 here = self._end(here, here.place)
                 if self._left(here) < 1e-9:
                     return
-                step, here = self._beyond(here)
-                if step is not None:
-                    yield step
+                jump, here = self._beyond(here)
+                if jump is not None:
+                    yield jump
                 continue
             self.elsewhere.append(here.sigma)
             if self._left(here) < 1e-9:
@@ -809,10 +801,13 @@ class Sweep:
         displacement, speed = np.max(sizes, axis=0).tolist()
         return displacement, speed, state
 
-    def _from(self, here: SweepState, distance: float) -> SweepState | None:
-        """The motion at a distance further on; behind, where it is below 0."""
+    def _from(
+        self, here: SweepState, distance: float, *, slowly: bool = False
+    ) -> SweepState | None:
+        """The motion at a distance further on; behind, where it is below 0. It may leave a branch
+        `slowly`."""
         sigma = here.sigma + self.direction * distance
-        looks = LOOKS if here.place is not None else WANDERING
+        looks = LOOKS if slowly or here.place is not None else WANDERING
         return self._reached(min(max(sigma, 0.0), 1.0), here.state, here.phase, looks)
 
     # Branches
@@ -838,25 +833,36 @@ class Sweep:
 
     # Jumps
 
-    def _beyond(self, end: SweepState) -> tuple[Step | None, SweepState | None]:
+    def _jump(self, before: SweepState, after: SweepState) -> Jump:
+        family = self.finder.family
+        return Jump(
+            upwards=self.upwards,
+            value=float(family.value(before.sigma)),
+            frequency_hz=float(family.frequency_hz(before.sigma)),
+            displacement_max=(
+                before.displacement * family.length,
+                after.displacement * family.length,
+            ),
+            impact_speed=(before.speed * family.speed, after.speed * family.speed),
+        )
+
+    def _beyond(self, end: SweepState) -> tuple[Jump | None, SweepState | None]:
         """The jump at the end of a branch, if there is one, and the motion a little further on."""
         near, far = (distance / self.finder.family.span for distance in BEYOND)
         first = self._from(end, near)
-        there = first and self._from(first, far)
+        there = first and self._from(first, far, slowly=self._turns(end))
         if first is None or there is None:
             return None, there
         if there.place is None and self._change(end, there) <= SMALLEST_STEP:
             # it may grow gradually, too, and go back too slowly to be seen
             there = self._pushed(end, there)
-            return (
-                _step(end.sigma, end, there) if self._change(end, there) > LEAP else None
-            ), there
+            return (self._jump(end, there) if self._change(end, there) > LEAP else None), there
         jumped = (
             self._change(end, first) > ABRUPT
             or (self._turns(end) and self._change(end, there) > SMALLEST_STEP)
             or self._has_jumped(end, there)
         )
-        return (_step(end.sigma, end, there) if jumped else None), there
+        return (self._jump(end, there) if jumped else None), there
 
     def _turns(self, end: SweepState) -> bool:
         """Whether a branch turns back at its end: chaos beyond it may leave no second motion."""
@@ -899,7 +905,7 @@ class Sweep:
             abs(after.speed - before.speed) / speed,
         )
 
-    def _located(self, before: SweepState, after: SweepState) -> Iterator[Step]:
+    def _located(self, before: SweepState, after: SweepState) -> Iterator[Jump]:
         """The jump between two values of the sweep, if it still is one at its place."""
         for _ in range(HALVINGS):
             there = self._from(before, 0.5 * abs(after.sigma - before.sigma))
@@ -910,11 +916,7 @@ class Sweep:
             else:
                 before = there
         if self._change(before, after) > LEAP:
-            yield _step(before.sigma, before, after)
-
-
-def _step(sigma: float, before: SweepState, after: SweepState) -> Step:
-    return Step(sigma, (before.displacement, after.displacement), (before.speed, after.speed))
+            yield self._jump(before, after)
 
 
 # ------------------------------------------------------------------------------
@@ -1036,11 +1038,7 @@ def harmonic_response(
     deadline = Deadline.after(budget)
     key, values, scene_at = varied(scene, frequency_hz, vary)
     model = model_of(scene_at(float(values[0])))
-    if (
-        conditions := unmet(model, compliant=True, with_functions=True)
-        if form == "exact"
-        else not_covered(model)
-    ):
+    if conditions := unmet(model, any_force=True) if form == "exact" else not_covered(model):
         raise NotApplicable("sine" if form == "exact" else f"sine:{form}", conditions)
     low, high = float(values[0]), float(values[-1])
     if key == FREQUENCY and high > WIDEST * low:
@@ -1053,18 +1051,13 @@ def harmonic_response(
         low, high = low - wide, high + wide
     shown = (each for each in scene.expanded.structure.shown if each in model.outputs)
     coordinate = coordinate or next(shown, model.outputs[0])
-    family = Family.of(
-        lambda value: model_of(scene_at(value)), low, high, coordinate, with_functions=True
-    )
-    finder = finder_of(family, family.sigma(values), most_impacts, deadline)
-    if slow := too_slow(finder):
-        raise NotApplicable("sine", [slow])
+    finder = searching(scene_at, (low, high), values, coordinate, most_impacts, deadline)
     jumps, starts = list[Jump](), None
     with graceful_interrupt():
         finder.find()
         sweeps = [Sweep(finder, upwards=upwards) for upwards in (True, False) if len(values) > 1]
         for each in sweeps:
-            jumps += [_jump(finder, each.upwards, step) for step in each.steps()]
+            jumps += each.jumps()
         if form == "exact":
             starts = _starts(
                 finder, finder.scattered(), [s for each in sweeps for s in each.elsewhere]
@@ -1129,12 +1122,12 @@ def varied(
         return key, _checked(key, given), lambda value: changed_scene(document, ((key, value),))
     sines = [each.frequency_hz for each in scene.excitations if isinstance(each, Sine)]
     if not sines:
-        raise NotApplicable("sine", unmet(model_of(scene), compliant=True, with_functions=True))
+        raise NotApplicable("sine", unmet(model_of(scene), any_force=True))
     lowest = min(sines)
     values = _checked(FREQUENCY, [lowest] if frequency_hz is None else frequency_hz)
     if not values[0] > 0.0:
         raise ValueError(f"frequency_hz must be greater than 0, got {values[0]:g}")
-    return FREQUENCY, values, lambda value: _at_frequency(scene, value / lowest)
+    return FREQUENCY, values, lambda value: at_frequency(scene, value / lowest)
 
 
 def _checked(key: str, given: ArrayLike) -> Vector:
@@ -1144,6 +1137,18 @@ def _checked(key: str, given: ArrayLike) -> Vector:
             f"{key} must have from 1 to {MOST_VALUES} finite values, got {len(values)}"
         )
     return values
+
+
+def searching(
+    scene_at: Callable[[float], Scene], ends: tuple[float, float], values: Vector,
+    coordinate: str | None, most_impacts: int, deadline: Deadline,
+) -> Finder:  # fmt: skip
+    """The finder of the regimes of scenes between the ends of a range."""
+    family = Family.of(lambda value: model_of(scene_at(value)), *ends, coordinate)
+    finder = finder_of(family, family.sigma(values), most_impacts, deadline)
+    if slow := too_slow(finder):
+        raise NotApplicable("sine", [slow])
+    return finder
 
 
 def too_slow(finder: Finder) -> str:
@@ -1159,7 +1164,7 @@ def too_slow(finder: Finder) -> str:
     return ""
 
 
-def _at_frequency(scene: Scene, factor: float) -> Scene:
+def at_frequency(scene: Scene, factor: float) -> Scene:
     """The scene with the frequencies of its sines multiplied."""
     changed = tuple(
         each.model_copy(update={"frequency_hz": factor * each.frequency_hz})
@@ -1228,19 +1233,6 @@ def _special_points(branches: Sequence[Branch]) -> tuple[SpecialPoint, ...]:
         if name and branch.admissible[place]
     ]
     return tuple(sorted(found, key=lambda point: (point.value, point.branch)))
-
-
-def _jump(finder: Finder, upwards: bool, step: Step) -> Jump:
-    family = finder.family
-    before, after = step.displacements
-    speeds = step.speeds
-    return Jump(
-        upwards=upwards,
-        value=float(family.value(step.sigma)),
-        frequency_hz=float(family.frequency_hz(step.sigma)),
-        displacement_max=(before * family.length, after * family.length),
-        impact_speed=(speeds[0] * family.speed, speeds[1] * family.speed),
-    )
 
 
 def _error(found: Sequence[Branch], exact: Sequence[Branch]) -> dict[str, float | None]:

@@ -511,7 +511,7 @@ def test_perturbations_of_a_motion_grow_as_its_neighbours_do(name: str, stops: s
     """Over kinks, impacts, contacts and halts; neighbours start on either side."""
     scene = rubbed(0.3, 0.6) if name == "friction" else oscillator(CASES[name], STOPS[stops], 0.2)
     model = model_of(scene)
-    family = Family.of(lambda _: model, 1.0, 2.0, None, with_functions=True)
+    family = Family.of(lambda _: model, 1.0, 2.0, None)
     finder = ContactFinder(family, np.array([0.5]), 1)
     start = np.append([0.1, 0.4], [0.05] * family.functions.remembering)
     motion = finder.flown(0.5, start, 1)

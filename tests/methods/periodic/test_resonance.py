@@ -966,8 +966,8 @@ def test_a_force_that_comes_too_late_is_refused() -> None:
     ("keys", "sentence"),
     [
         ({"restitution": 1.0}, r"restitution must be in \[0, 1\), got 1"),
-        ({"switching": 0.0}, "switching must be greater than 0 m, got 0"),
-        ({"delay": -0.1}, "delay must be 0 s or more, got -0.1"),
+        ({"switching": 0.0}, "switching must be greater than 0, got 0"),
+        ({"delay": -0.1}, "delay must be 0 or more, got -0.1"),
         ({"load": 10.0}, r"load must be in \[0, force\), got 10 with force 10"),
     ],
 )

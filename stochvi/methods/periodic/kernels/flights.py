@@ -17,6 +17,8 @@ from stochvi.methods.periodic.kernels.solver import (
     NONE,
     TERMS,
     Motion,
+    apply,
+    apply_and_add,
     distance_of,
     expand,
     force_state,
@@ -24,15 +26,14 @@ from stochvi.methods.periodic.kernels.solver import (
     held,
     next_event,
     put,
-    rate,
     remove_part,
     rest_on,
     set_all,
     step_of,
-    strike,
     strike_or_rest,
     sum_terms,
     transition,
+    turn_at_impact,
     turn_column,
 )
 
@@ -106,35 +107,11 @@ def course_of(motion, phase, angle):
     forced, waves = np.empty((steps, two)), np.empty((steps, size - two))
     for k in range(steps):
         force_state(motion, phase + motion.omega * part * k, waves[k])
-        for i in range(two):
-            total = 0.0
-            for j in range(size - two):
-                total += whole[i, two + j] * waves[k, j]
-            forced[k, i] = total
+        apply(whole[:two, two:], waves[k], forced[k])
     matrix = np.empty((two, two))
     for i in range(two):
         put(whole[i, :two], matrix[i])
     return Course(motion, part, matrix, forced, waves, phase, held(motion))
-
-
-@kernel
-def turn_at_impact(motion, stop, z, perturbations):
-    """Take small perturbations over an impact, before it turns the state z: a perturbed flight is
-    struck at another moment. The old rates act before it, the new ones after it."""
-    n = motion.rows.shape[1]
-    before, after, moved = np.empty(2 * n), np.empty(2 * n), np.empty(len(z))
-    put(z, moved)
-    rate(motion, z, before)
-    speed = strike(motion, stop, moved[: 2 * n])
-    rate(motion, moved, after)
-    strike(motion, stop, before)
-    for column in range(perturbations.shape[1]):
-        distance = 0.0
-        for i in range(n):
-            distance += motion.rows[stop, i] * perturbations[i, column]
-        strike(motion, stop, perturbations[:, column])
-        for i in range(2 * n):
-            perturbations[i, column] += (after[i] - before[i]) * distance / speed
 
 
 @kernel
@@ -149,8 +126,8 @@ def fly(course, y, touch, perturbations, log, hits):
         where they are too many; (0, 3) for none.
     """
     motion, part = course.motion, course.part
-    n, m = motion.rows.shape[1], len(motion.positions)
-    two, size = 2 * n, len(motion.generator)
+    m, size = len(motion.positions), len(motion.generator)
+    two = 2 * motion.rows.shape[1]
     columns = perturbations.shape[1]
     fresh, turned = np.empty(two), np.empty(two)
     z, later = np.empty(size), np.empty(size)
@@ -161,11 +138,7 @@ def fly(course, y, touch, perturbations, log, hits):
     for number in range(len(course.forced)):
         clear = touch.on[0] == FREE
         if clear:
-            for i in range(two):
-                total = course.forced[number, i]
-                for j in range(two):
-                    total += course.matrix[i, j] * y[j]
-                fresh[i] = total
+            apply_and_add(course.matrix, y, course.forced[number], fresh)
             for s in range(m):
                 start, speed = distances[s], speeds[s]
                 end, end_speed = distance_of(motion, s, fresh)
@@ -175,11 +148,7 @@ def fly(course, y, touch, perturbations, log, hits):
         if clear:
             put(fresh, y)
             for column in range(columns):
-                for i in range(two):
-                    total = 0.0
-                    for j in range(two):
-                        total += course.matrix[i, j] * perturbations[j, column]
-                    turned[i] = total
+                apply(course.matrix, perturbations[:, column], turned)
                 put(turned, perturbations[:, column])
             touch.on[1], touch.on[2] = FREE, FREE
             continue
@@ -223,6 +192,16 @@ def fly(course, y, touch, perturbations, log, hits):
 
 
 @kernel
+def carry(course, y, touch, perturbations):
+    """`fly` without a log, if the course takes any time."""
+    # stated type: numba would compile `fly` once more for the literal 0
+    hits = np.int64(0)
+    if course.part > 0.0:
+        hits = fly(course, y, touch, perturbations, np.empty((0, 3)), hits)
+    return hits
+
+
+@kernel
 def settle_on(motion, stop, perturbation):
     """Project a small perturbation where the motion comes to rest on a stop."""
     remove_part(motion.rows[stop], perturbation[: motion.rows.shape[1]])
@@ -255,12 +234,10 @@ def settle_flights(lead, course, states, most, targets, found):
     First they pass the course `lead`, unless its angle is 0. `found` (number,) takes the target,
     NO_ATTRACTOR or LOST.
     """
-    none, log = np.empty((states.shape[1], 0)), np.empty((0, 3))
+    none = np.empty((states.shape[1], 0))
     for number in range(len(states)):
         y, touch = states[number], free_touch()
-        # stated type: numba would compile `fly` once more for the literal 0
-        before = np.int64(0)
-        hits = fly(lead, y, touch, none, log, before) if lead.part > 0.0 else before
+        hits = carry(lead, y, touch, none)
         found[number] = LOST
         for period in range(most + 1):
             if hits < 0:
@@ -269,7 +246,7 @@ def settle_flights(lead, course, states, most, targets, found):
             found[number] = NO_ATTRACTOR if resting else reached(y, targets)
             if found[number] != NO_ATTRACTOR or period == most:
                 break
-            hits = fly(course, y, touch, none, log, before)
+            hits = carry(course, y, touch, none)
             found[number] = LOST
 
 

@@ -30,6 +30,7 @@ from stochvi.methods.periodic.kernels.solver import (
     NORM,
     TERMS,
     distance_of,
+    dot,
     expand,
     force_state,
     output_of,
@@ -38,6 +39,7 @@ from stochvi.methods.periodic.kernels.solver import (
     sum_terms,
     swing,
     turn_column,
+    turns_of,
 )
 
 AWAY, FOLLOWING = -1, -2
@@ -182,9 +184,12 @@ class Modes(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Arrays for intermediate results: displacements, rates (parts, 1) and memories (memories, 1)
-    of functions, the force w, the generator with the pieces that press, (q, q', w) and its Taylor
-    coefficients, and states of the extrapolation."""
+    """Arrays for intermediate results.
+
+    Those of functions are displacements, rates (parts, 1) and memories (memories, 1). Those of a
+    Taylor series are the force w, the generator with the pieces that press, (q, q', w), and the
+    coefficients. The others are states of the extrapolation.
+    """
 
     x: np.ndarray
     v: np.ndarray
@@ -204,11 +209,8 @@ class Work(NamedTuple):
 @kernel
 def displaced(functions, j, y, n):
     """Displacement (m) of a function and its rate in the time of the kernels."""
-    x, v = 0.0, 0.0
-    for i in range(n):
-        x += functions.calls.rows[j, i] * y[i]
-        v += functions.calls.rows[j, i] * y[n + i]
-    return x, v
+    row = functions.calls.rows[j]
+    return dot(row, y), dot(row, y[n:])
 
 
 @kernel
@@ -272,10 +274,7 @@ def sided(functions, modes, j, v):
 def mobility(functions, j):
     """Acceleration of a displacement, m per square of the time of the kernels, per unit of the
     force on it."""
-    total = 0.0
-    for i in range(functions.calls.rows.shape[1]):
-        total += functions.calls.rows[j, i] * functions.calls.changes[j, i]
-    return total
+    return dot(functions.calls.rows[j], functions.calls.changes[j])
 
 
 @kernel
@@ -314,10 +313,7 @@ def rates_of(system, modes, y, phase, work, out):
             out[n + i] -= calls.changes[j, i] * force
     if stuck < 0:
         return 0.0
-    grip = 0.0
-    for i in range(n):
-        grip += calls.rows[stuck, i] * out[n + i]
-    grip /= mobility(functions, stuck)
+    grip = dot(calls.rows[stuck], out[n:]) / mobility(functions, stuck)
     for i in range(n):
         out[n + i] -= calls.changes[stuck, i] * grip
     return grip
@@ -428,21 +424,20 @@ def edge_of(system, modes, number, y, rates, grip, work):
     n, m = motion.rows.shape[1], len(modes.stops)
     if number < 2 * m:
         s, up = number // 2, number % 2
-        state, c = modes.stops[s], laws.dampers[s]
+        state, c, count = modes.stops[s], laws.dampers[s], laws.counts[s]
         deep, speed = distance_of(motion, s, y)
-        if state == AWAY and up == 0:
-            return deep, speed, True
-        if state == FOLLOWING and up == 0:
-            return -deep, -speed, True
-        if c > 0.0 and up == (0 if state >= 0 else 1) and state != AWAY:
-            sign, k, pull = (-1.0 if state >= 0 else 1.0), laws.pieces[s, 0, 2], 0.0
-            for i in range(n):
-                pull += motion.rows[s, i] * rates[n + i]
+        if c > 0.0 and state != AWAY and up == (0 if state >= 0 else 1):
+            # pressing ends without force, or begins again
+            sign, k = (-1.0 if state >= 0 else 1.0), laws.pieces[s, 0, 2]
+            pull = dot(motion.rows[s], rates[n:])
             return sign * (k * deep + c * speed), sign * (k * speed + c * pull), False
-        if c == 0.0 and state >= 0 and up == 0:
-            return laws.pieces[s, state, 0] - deep, -speed, True
-        if c == 0.0 and 0 <= state < laws.counts[s] - 1 and up == 1:
-            return deep - laws.pieces[s, state + 1, 0], speed, True
+        if state == FOLLOWING:
+            return -deep, -speed, True
+        # the beginning of the next piece, or of this one; the gap is the piece before the first
+        piece, side = state + up, 2.0 * up - 1.0
+        if 0 <= piece < max(count, 1):
+            knot = laws.pieces[s, piece, 0] if count else 0.0
+            return side * (deep - knot), side * speed, True
         return -1.0, 0.0, False
     j, kind = (number - 2 * m) // 4, (number - 2 * m) % 4
     x, v = displaced(functions, j, y, n)
@@ -459,9 +454,7 @@ def edge_of(system, modes, number, y, rates, grip, work):
     if kind == BELOW and modes.cells[j] > 0:
         return (functions.knots[j, modes.cells[j] - 1] - x) / width, -v / width, True
     if kind == RATE and functions.kinds[j] != SMOOTH and not sticking:
-        faster = 0.0
-        for i in range(n):
-            faster += functions.calls.rows[j, i] * rates[n + i]
+        faster = dot(functions.calls.rows[j], rates[n:])
         return -modes.sides[j] * v / width, -modes.sides[j] * faster / width, False
     memory = functions.calls.memories[j]
     if kind == MEMORY and memory >= 0:
@@ -474,14 +467,8 @@ def edge_of(system, modes, number, y, rates, grip, work):
 def turning_time(ends, rates, h):
     """The first time in a step at which the cubic through two values and rates turns; -1 where it
     does not."""
-    p, q, rise = rates[0] * h, rates[1] * h, ends[1] - ends[0]
-    c2, c3 = 3.0 * rise - 2.0 * p - q, p + q - 2.0 * rise
-    root = math.sqrt(max(c2 * c2 - 3.0 * c3 * p, 0.0))
-    first = 2.0
-    for sign in (-1.0, 1.0):
-        s = -p / (c2 + sign * root) if c2 + sign * root != 0.0 else -1.0
-        if 0.0 < s < 1.0:
-            first = min(first, s)
+    _, _, _, one, other = turns_of(ends, rates, h)
+    first = min(one, other)
     return first * h if first < 1.0 else -1.0
 
 
@@ -539,15 +526,12 @@ def enter(system, modes, number, y, phase, work, rates):
                 _, v = displaced(functions, j, y, motion.rows.shape[1])
                 if abs(v) > AT_REST * functions.widths[j]:
                     modes.sides[j] = 1 if v > 0.0 else -1
-        elif state == AWAY:
-            modes.stops[s] = 0
         elif state == FOLLOWING:
             modes.stops[s] = AWAY if up == 0 else 0
-        elif laws.dampers[s] > 0.0:
+        elif state >= 0 and laws.dampers[s] > 0.0:
             modes.stops[s] = FOLLOWING
         else:
-            # below the first piece the gap is open
-            modes.stops[s] = state + 1 if up == 1 else state - 1
+            modes.stops[s] = state + 2 * up - 1
         return (s, speed) if state == AWAY else (-1, 0.0)
     j, kind = (number - 2 * m) // 4, (number - 2 * m) % 4
     if kind == MEMORY:
@@ -589,14 +573,11 @@ def first_modes(system, modes, y, phase, work, rates):
     n = motion.rows.shape[1]
     for s in range(len(modes.stops)):
         deep, speed = distance_of(motion, s, y)
-        modes.stops[s] = AWAY
-        if laws.counts[s] == 0 or deep <= 0.0:
-            continue
-        state = 0
+        state = AWAY
         while state + 1 < laws.counts[s] and laws.pieces[s, state + 1, 0] < deep:
             state += 1
         modes.stops[s] = state
-        if laws.pieces[s, 0, 2] * deep + laws.dampers[s] * speed < 0.0:
+        if state >= 0 and laws.pieces[s, 0, 2] * deep + laws.dampers[s] * speed < 0.0:
             modes.stops[s] = FOLLOWING
     longest = press(system, modes, work.generator)
     held = -1
@@ -668,11 +649,7 @@ def acceleration_of(system, modes, y, rates, phase, time, work):
         for i in range(len(y)):
             work.ahead[i] = y[i] + shift * rates[i]
         rates_of(system, modes, work.ahead, phase + motion.omega * shift, work, work.slopes)
-        value = 0.0
-        for i in range(n):
-            value += motion.output[i] * work.slopes[n + i]
-        for i in range(len(motion.base)):
-            value += motion.base[i] * work.w[i]
+        value = dot(motion.output, work.slopes[n:]) + dot(motion.base, work.w)
         if turn < 2:
             slope += value / (2.0 * shift)
     return value, slope
@@ -797,7 +774,7 @@ def follow(system, modes, start, phase, record, work, places):
     put(start, ends[0])
     longest = first_modes(system, modes, y, phase, work, rates)
     shortest, most = SHARE * SHORTEST * longest, MOST_IMPACTS * (2 + parts)
-    hits, displacement, acceleration, even, odd, wanted = 0, 0.0, 0.0, 0.0, 0.0, longest
+    hits, displacement, acceleration, harmonic, wanted = 0, 0.0, 0.0, 0j, longest
     fastest = 0.0
     for period in range(periods):
         events, left = 0, 2.0 * math.pi / motion.omega
@@ -833,20 +810,14 @@ def follow(system, modes, start, phase, record, work, places):
                 push, jerk = acceleration_of(system, modes, y, rates, now, probe, work)
                 push_, jerk_ = acceleration_of(system, modes, fresh, later, then, probe, work)
                 acceleration = max(acceleration, swing((push, push_), (jerk, jerk_), length))
-            for number in range(2):
-                # cosine and sine; each product by its values and slopes
-                angle, angle_ = now - 0.5 * math.pi * number, then - 0.5 * math.pi * number
-                wave, wave_ = math.cos(angle), math.cos(angle_)
-                turning, turning_ = (
-                    -motion.omega * math.sin(angle),
-                    -motion.omega * math.sin(angle_),
-                )
-                bend = moving * wave + place * turning - moving_ * wave_ - place_ * turning_
-                part = 0.5 * length * (place * wave + place_ * wave_) + length**2 / 12.0 * bend
-                if number == 0:
-                    even += part
-                else:
-                    odd += part
+            # the first harmonic by the values and slopes of its integrand
+            wave, wave_ = (
+                complex(math.cos(now), math.sin(now)),
+                complex(math.cos(then), math.sin(then)),
+            )
+            bend = (moving + 1j * motion.omega * place) * wave
+            bend -= (moving_ + 1j * motion.omega * place_) * wave_
+            harmonic += 0.5 * length * (place * wave + place_ * wave_) + length**2 / 12.0 * bend
             turn_over_step(system, modes, y, now, length, work, grown)
             put(fresh, y)
             left -= length
@@ -874,5 +845,5 @@ def follow(system, modes, start, phase, record, work, places):
                 if system.laws.counts[stop] == 0 and speed <= STILL * fastest:
                     return -1, displacement, acceleration, 0.0
         put(y, ends[period + 1])
-    amplitude = motion.omega / (math.pi * periods) * math.hypot(even, odd)
+    amplitude = motion.omega / (math.pi * periods) * abs(harmonic)
     return hits, displacement, acceleration, amplitude

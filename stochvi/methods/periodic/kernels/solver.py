@@ -124,29 +124,20 @@ def motion_at(expansion, sigma):
         for i in range(count):
             flat[i] += now * series[k, i]
         before, now = now, 2.0 * x * now - before
-    w = 2 * h + 1
-    size = 2 * n + w
-    g = np.zeros((size, size))
-    at = 0
+    w, square = 2 * h + 1, n * n
+    g = np.zeros((2 * n + w, 2 * n + w))
     for i in range(n):
         g[i, n + i] = 1.0
         for j in range(n):
-            g[n + i, j] = -flat[at]
-            g[n + i, n + j] = -flat[at + n * n]
-            at += 1
-    at = 2 * n * n
-    for i in range(n):
-        for j in range(w):
-            g[n + i, 2 * n + j] = flat[at]
-            at += 1
-    rows = flat[at : at + m * n].copy().reshape(m, n)
-    at += m * n
-    positions = flat[at : at + m].copy()
-    restitutions = flat[at + m : at + 2 * m].copy()
-    at += 2 * m
-    omega = flat[at]
-    output = flat[at + 1 : at + 1 + n].copy()
-    base = flat[at + 1 + n : at + 1 + n + w].copy()
+            g[n + i, j] = -flat[i * n + j]
+            g[n + i, n + j] = -flat[square + i * n + j]
+        put(flat[2 * square + i * w : 2 * square + (i + 1) * w], g[n + i, 2 * n :])
+    # the other numbers, one after another
+    ends = 2 * square + n * w + np.cumsum(np.array([m * n, m, m, 1, n, w]))
+    rows = flat[ends[0] - m * n : ends[0]].copy().reshape(m, n)
+    positions, restitutions = flat[ends[0] : ends[1]].copy(), flat[ends[1] : ends[2]].copy()
+    omega, output = flat[ends[2]], flat[ends[3] : ends[4]].copy()
+    base = flat[ends[4] : ends[5]].copy()
     for k in range(h):
         i = 2 * n + 2 * k
         g[i, i + 1] = -(k + 1) * omega
@@ -201,6 +192,56 @@ def identity(size):
     for i in range(size):
         found[i, i] = 1.0
     return found
+
+
+@kernel
+def dot(a, b):
+    """Scalar product."""
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total
+
+
+@kernel
+def apply(matrix, z, out):
+    """out = matrix z."""
+    for i in range(len(matrix)):
+        total = 0.0
+        for j in range(len(z)):
+            total += matrix[i, j] * z[j]
+        out[i] = total
+
+
+@kernel
+def apply_and_add(matrix, z, constant, out):
+    """out = constant + matrix z."""
+    for i in range(len(matrix)):
+        total = constant[i]
+        for j in range(len(z)):
+            total += matrix[i, j] * z[j]
+        out[i] = total
+
+
+@kernel
+def project(row, position, terms, out):
+    """Taylor coefficients of a displacement less a position, from those of a state."""
+    for k in range(len(terms)):
+        out[k] = dot(row, terms[k])
+    out[0] -= position
+
+
+@kernel
+def turn_column(generator, time, perturbations, column, out):
+    """Take a small perturbation of a state, (2 n, number), over a time."""
+    two = len(perturbations)
+    put(perturbations[:, column], out)
+    fresh = np.empty(two)
+    for k in range(1, TERMS):
+        apply(generator[:two, :two], out, fresh)
+        for i in range(two):
+            out[i] = fresh[i] * time / k
+            perturbations[i, column] += out[i]
 
 
 @kernel
@@ -288,11 +329,7 @@ def force_state(motion, phase, out):
 @kernel
 def rate(motion, z, out):
     """(q', q'') of a state z."""
-    for i in range(2 * motion.rows.shape[1]):
-        total = 0.0
-        for j in range(len(z)):
-            total += motion.generator[i, j] * z[j]
-        out[i] = total
+    apply(motion.generator[: 2 * motion.rows.shape[1]], z, out)
 
 
 @kernel
@@ -300,10 +337,7 @@ def strike(motion, stop, y):
     """Take the velocities of y = (q, q') before an impact to those after it; its incident speed."""
     n = motion.rows.shape[1]
     row = motion.rows[stop]
-    speed, square = 0.0, 0.0
-    for i in range(n):
-        speed += row[i] * y[n + i]
-        square += row[i] * row[i]
+    speed, square = dot(row, y[n:]), dot(row, row)
     for i in range(n):
         y[n + i] -= (1.0 + motion.restitutions[stop]) * speed / square * row[i]
     return speed
@@ -326,82 +360,51 @@ def residual(motion, pattern, theta, states, left, jacobian):
     Writes the states (K, 2 n) before each impact, `left` (K,) and the Jacobian (K, K), which is not
     computed if its array has the shape (0, 0); False where the phases do not determine the motion.
     """
-    stops, periods = pattern
+    stops = pattern.stops
     count, n = len(stops), motion.rows.shape[1]
     two, size = 2 * n, len(motion.generator)
     ways, struck = np.empty((count, two, two)), np.empty((count, two, two))
     forced, w = np.empty((count, two)), np.empty(size - two)
     whole, other = identity(two), np.empty((two, two))
-    start, unit = np.zeros((two, 1)), np.empty(two)
+    start, unit = np.zeros(two), np.empty(two)
     pulls, held_ = np.zeros((count, two)), np.zeros((two, two))
     pulled = np.zeros(two)
     for k in range(count):
-        row, square, distance = motion.rows[stops[k]], 0.0, -motion.positions[stops[k]]
-        for i in range(n):
-            square += row[i] * row[i]
-            distance += row[i] * start[i, 0]
+        row = motion.rows[stops[k]]
+        square, (distance, _) = dot(row, row), distance_of(motion, stops[k], start)
         for i in range(n):
             pulls[k, i] = row[i] / square / (k + 1)
             pulls[k, n + i] = row[i] / square * (count - 1 - 2 * k) / count
         for i in range(two):
             pulled[i] -= pulls[k, i] * distance
-        for j in range(two):
-            total = 0.0
-            for i in range(n):
-                total += row[i] * whole[i, j]
-            for i in range(two):
-                held_[i, j] += pulls[k, i] * total
-        end = theta[k + 1] if k + 1 < count else theta[0] + 2.0 * math.pi * periods
-        flight = transition(motion.generator, (end - theta[k]) / motion.omega)
-        force_state(motion, theta[k], w)
-        for i in range(two):
             for j in range(two):
-                ways[k, i, j] = flight[i, j]
-            total = 0.0
-            for j in range(len(w)):
-                total += flight[i, two + j] * w[j]
-            forced[k, i] = total
+                held_[i, j] += pulls[k, i] * dot(row, whole[:n, j])
+        flight = transition(motion.generator, duration_of(motion, pattern, theta, k))
+        force_state(motion, theta[k], w)
+        apply(flight[:two, two:], w, forced[k])
+        for i in range(two):
+            put(flight[i, :two], ways[k, i])
         for j in range(two):
             set_all(unit, 0.0)
             unit[j] = 1.0
             strike(motion, stops[k], unit)
-            for i in range(two):
-                total = 0.0
-                for between in range(two):
-                    total += ways[k, i, between] * unit[between]
-                struck[k, i, j] = total
+            apply(ways[k], unit, struck[k, :, j])
         multiply(struck[k], whole, other)
         whole, other = other, whole
-        for i in range(two):
-            total = forced[k, i]
-            for j in range(two):
-                total += struck[k, i, j] * start[j, 0]
-            unit[i] = total
-        for i in range(two):
-            start[i, 0] = unit[i]
+        apply_and_add(struck[k], start, forced[k], unit)
+        start, unit = unit, start
     inverse = identity(two)
     for i in range(two):
         for j in range(two):
             other[i, j] = (1.0 if i == j else 0.0) - whole[i, j] + held_[i, j]
-        start[i, 0] += pulled[i]
+        start[i] += pulled[i]
     if not solve(other, inverse):
         return False
-    for i in range(two):
-        total = 0.0
-        for j in range(two):
-            total += inverse[i, j] * start[j, 0]
-        states[0, i] = total
+    apply(inverse, start, states[0])
     for k in range(count - 1):
-        for i in range(two):
-            total = forced[k, i]
-            for j in range(two):
-                total += struck[k, i, j] * states[k, j]
-            states[k + 1, i] = total
+        apply_and_add(struck[k], states[k], forced[k], states[k + 1])
     for k in range(count):
-        row = motion.rows[stops[k]]
-        left[k] = -motion.positions[stops[k]]
-        for i in range(n):
-            left[k] += row[i] * states[k, i]
+        left[k], _ = distance_of(motion, stops[k], states[k])
     if len(jacobian) == 0:
         return True
     arriving, leaving = np.empty((count, two)), np.empty((count, two))
@@ -412,11 +415,9 @@ def residual(motion, pattern, theta, states, left, jacobian):
         rate(motion, z, arriving[k])
         strike(motion, stops[k], z[:two])
         rate(motion, z, unit)
+        apply(ways[k], unit, leaving[k])
         for i in range(two):
-            total = 0.0
-            for j in range(two):
-                total += ways[k, i, j] * unit[j]
-            leaving[k, i] = total / motion.omega
+            leaving[k, i] /= motion.omega
             arriving[k, i] /= motion.omega
     moved, next_ = np.empty(two), np.empty(two)
     for column in range(count):
@@ -425,30 +426,29 @@ def residual(motion, pattern, theta, states, left, jacobian):
         for turn in range(2):
             set_all(pulled, 0.0)
             for k in range(count):
-                change = 0.0
-                for i in range(n):
-                    change += motion.rows[stops[k], i] * moved[i]
+                change = dot(motion.rows[stops[k]], moved)
                 jacobian[k, column] = change
+                apply(struck[k], moved, next_)
                 for i in range(two):
                     pulled[i] -= pulls[k, i] * change
-                for i in range(two):
-                    total = 0.0
-                    for j in range(two):
-                        total += struck[k, i, j] * moved[j]
                     if k == column:
-                        total -= leaving[k, i]
+                        next_[i] -= leaving[k, i]
                     if (k + 1) % count == column:
-                        total += arriving[column, i]
-                    next_[i] = total
+                        next_[i] += arriving[column, i]
                 moved, next_ = next_, moved
             if turn == 0:
                 for i in range(two):
-                    total = 0.0
-                    for j in range(two):
-                        total += inverse[i, j] * (moved[j] + pulled[j])
-                    next_[i] = total
+                    moved[i] += pulled[i]
+                apply(inverse, moved, next_)
                 moved, next_ = next_, moved
     return True
+
+
+@kernel
+def duration_of(motion, pattern, theta, k):
+    """Time from an impact of a regime to the next one."""
+    end = theta[k + 1] if k + 1 < len(theta) else theta[0] + 2.0 * math.pi * pattern.periods
+    return (end - theta[k]) / motion.omega
 
 
 @kernel(inline="always")
@@ -492,6 +492,16 @@ def has_converged(change, before, phase):
 
 
 @kernel
+def step_by(place, change):
+    """Take a Newton step, which is limited, in the place of the phases; the change as it was."""
+    largest = largest_of(change)
+    factor = min(1.0, LONGEST_CHANGE / max(largest, 1e-300))
+    for k in range(len(place)):
+        place[k] += factor * change[k]
+    return largest
+
+
+@kernel
 def settle(motion, pattern, theta, states):
     """Newton's iteration to a regime of one motion, in place of theta; False where it fails."""
     count = len(pattern.stops)
@@ -508,14 +518,9 @@ def settle(motion, pattern, theta, states):
             right[k, 0] = -left[k]
         if not solve(jacobian, right):
             return False
-        largest = 0.0
-        for k in range(count):
-            largest = max(largest, abs(right[k, 0]))
+        largest = step_by(theta, right[:, 0])
         if not largest < 1e6:
             return False
-        factor = min(1.0, LONGEST_CHANGE / max(largest, 1e-300))
-        for k in range(count):
-            theta[k] += factor * right[k, 0]
         converged, before = has_converged(largest, before, theta[0]), largest
     return False
 
@@ -523,15 +528,10 @@ def settle(motion, pattern, theta, states):
 @kernel
 def slowest(motion, pattern, theta, states):
     """The smallest impact speed, or the shortest flight, whichever is less: both are above 0."""
-    stops, periods = pattern
-    count, n = len(stops), motion.rows.shape[1]
     least = np.inf
-    for k in range(count):
-        speed = 0.0
-        for i in range(n):
-            speed += motion.rows[stops[k], i] * states[k, n + i]
-        end = theta[k + 1] if k + 1 < count else theta[0] + 2.0 * math.pi * periods
-        least = min(least, speed, end - theta[k])
+    for k in range(len(theta)):
+        _, speed = distance_of(motion, pattern.stops[k], states[k])
+        least = min(least, speed, motion.omega * duration_of(motion, pattern, theta, k))
     return least
 
 
@@ -651,20 +651,13 @@ def correct(expansion, pattern, u, normal):
         if converged:
             converged = largest_of(left) < APART
             break
-        largest = 0.0
-        for k in range(count + 1):
-            largest = max(largest, abs(right[k, 0]))
+        largest = step_by(u, right[:, 0])
         if not largest < 1e6:
             return np.nan
-        factor = min(1.0, LONGEST_CHANGE / max(largest, 1e-300))
-        for k in range(count + 1):
-            u[k] += factor * right[k, 0]
         converged, before = has_converged(largest, before, u[0]), largest
     if not converged:
         return np.nan
-    length = 0.0
-    for k in range(count + 1):
-        length += right[k, 0] ** 2
+    length = dot(right[:, 0], right[:, 0])
     for k in range(count + 1):
         normal[k] = right[k, 0] / math.sqrt(length)
     motion = motion_at(expansion, u[count] / WEIGHT)
@@ -680,44 +673,25 @@ def survey(motion, pattern, theta, states):
     The margin is the smallest distance to a stop where the motion turns back without an impact,
     below 0 where it would pass; the acceleration is the absolute one, between impacts.
     """
-    stops, periods = pattern
-    n, m = motion.rows.shape[1], len(motion.positions)
-    two, size = 2 * n, len(motion.generator)
+    stops = pattern.stops
+    two, size, m = 2 * motion.rows.shape[1], len(motion.generator), len(motion.positions)
     longest = step_of(motion)
-    margin, displacement, acceleration = np.inf, 0.0, 0.0
+    margin, displacement, acceleration, speed = np.inf, 0.0, 0.0, 0.0
     z, last = np.empty(size), np.empty(size)
     terms, c = np.empty((TERMS, size)), np.empty(TERMS)
-    before, after = np.empty(two), np.empty(two)
     pull = acceleration_row(motion, motion.generator)
     slope = times_generator(pull, motion.generator)
     factors, other = identity(two), np.empty((two, two))
-    salt = np.empty((two, two))
-    flights = max(len(stops), 1)
-    for k in range(flights):
-        end = theta[k + 1] if k + 1 < len(theta) else theta[0] + 2.0 * math.pi * periods
-        time = (end - theta[k]) / motion.omega
+    for k in range(max(len(stops), 1)):
+        time = duration_of(motion, pattern, theta, k)
         steps = max(1, math.ceil(time / longest))
         part = time / steps
         matrix = transition(motion.generator, part)
         put(states[k], z[:two])
         force_state(motion, theta[k], z[two:])
         if len(stops):
-            rate(motion, z, before)
+            turn_at_impact(motion, stops[k], z, factors)
             speed = strike(motion, stops[k], z[:two])
-            rate(motion, z, after)
-            # a perturbed path is struck at another moment, by the old and the new rates
-            for j in range(two):
-                for i in range(two):
-                    salt[i, j] = 1.0 if i == j else 0.0
-                strike(motion, stops[k], salt[:, j])
-            for i in range(two):
-                other[i, 0] = before[i]
-            strike(motion, stops[k], other[:, 0])
-            for i in range(two):
-                for j in range(n):
-                    salt[i, j] += (after[i] - other[i, 0]) * motion.rows[stops[k], j] / speed
-            multiply(salt, factors, other)
-            factors, other = other, factors
         whole = transition(motion.generator, time)
         multiply(whole[:two, :two], factors, other)
         factors, other = other, factors
@@ -726,33 +700,29 @@ def survey(motion, pattern, theta, states):
             apply(matrix, last, z)
             expanded = False
             for s in range(-1, m):
-                # the distance to a stop, or the output
-                position = 0.0 if s < 0 else motion.positions[s]
-                start, start_rate, finish, finish_rate = -position, 0.0, -position, 0.0
-                for i in range(n):
-                    row = motion.output[i] if s < 0 else motion.rows[s, i]
-                    start += row * last[i]
-                    start_rate += row * last[n + i]
-                    finish += row * z[i]
-                    finish_rate += row * z[n + i]
-                if len(stops) > 0 and s == stops[k] and number == 0:
-                    # a restitution of 0 leaves a rate of rounding: pressed on, the stop is passed
-                    stopped = abs(start_rate) <= 1e-12 * speed
-                    start_rate = push_of(motion, s, last) if stopped else start_rate
-                if s >= 0 and number == 0 and len(stops) > 0 and s != stops[k]:
-                    margin = min(margin, -start)
+                # the output, or the distance to a stop
+                start, start_rate = output_of(motion, last)
+                finish, finish_rate = output_of(motion, z)
                 if s < 0:
                     displacement = max(displacement, abs(start), abs(finish))
+                else:
+                    start, start_rate = distance_of(motion, s, last)
+                    finish, finish_rate = distance_of(motion, s, z)
+                if len(stops) > 0 and s >= 0 and number == 0:
+                    if s != stops[k]:
+                        margin = min(margin, -start)
+                    elif abs(start_rate) <= 1e-12 * speed:
+                        # a restitution of 0 leaves a rate of rounding: pressed on, it is passed
+                        start_rate = push_of(motion, s, last)
                 if start_rate * finish_rate >= 0.0 or (s >= 0 and start_rate < 0.0):
                     continue
                 if not expanded:
                     expand(motion.generator, last, terms)
                     expanded = True
-                for t in range(TERMS):
-                    c[t] = 0.0
-                    for i in range(n):
-                        c[t] += (motion.output[i] if s < 0 else motion.rows[s, i]) * terms[t, i]
-                c[0] -= position
+                if s < 0:
+                    project(motion.output, 0.0, terms, c)
+                else:
+                    project(motion.rows[s], motion.positions[s], terms, c)
                 top = value_at(c, root_between(c, 0.0, part, True))
                 if s < 0:
                     displacement = max(displacement, abs(top))
@@ -770,8 +740,7 @@ def acceleration_row(motion, generator):
     n, size = motion.rows.shape[1], len(motion.generator)
     found = np.zeros(size)
     for j in range(size):
-        for i in range(n):
-            found[j] += motion.output[i] * generator[n + i, j]
+        found[j] = dot(motion.output, generator[n:, j])
     for j in range(size - 2 * n):
         found[2 * n + j] += motion.base[j]
     return found
@@ -780,30 +749,22 @@ def acceleration_row(motion, generator):
 @kernel
 def times_generator(row, generator):
     """The row whose product with a state is the rate of the product with another row."""
-    found = np.zeros(len(row))
+    found = np.empty(len(row))
     for j in range(len(row)):
-        for i in range(len(row)):
-            found[j] += row[i] * generator[i, j]
+        found[j] = dot(row, generator[:, j])
     return found
 
 
 @kernel
-def dot(a, b):
-    """Scalar product."""
-    total = 0.0
-    for i in range(len(a)):
-        total += a[i] * b[i]
-    return total
-
-
-@kernel
-def apply(matrix, z, out):
-    """out = matrix z."""
-    for i in range(len(matrix)):
-        total = 0.0
-        for j in range(len(z)):
-            total += matrix[i, j] * z[j]
-        out[i] = total
+def turns_of(ends, rates, time):
+    """The cubic ends[0] + p s + c2 s^2 + c3 s^3 over the share s of a step, by values and rates at
+    its ends. Returns p, c2, c3, and the shares within the step at which it turns, or 2."""
+    p, q, rise = rates[0] * time, rates[1] * time, ends[1] - ends[0]
+    c2, c3 = 3.0 * rise - 2.0 * p - q, p + q - 2.0 * rise
+    root = math.sqrt(max(c2 * c2 - 3.0 * c3 * p, 0.0))
+    one = -p / (c2 - root) if c2 - root != 0.0 else 2.0
+    other = -p / (c2 + root) if c2 + root != 0.0 else 2.0
+    return p, c2, c3, one if 0.0 < one < 1.0 else 2.0, other if 0.0 < other < 1.0 else 2.0
 
 
 @kernel
@@ -812,13 +773,9 @@ def swing(ends, rates, time):
     cubic."""
     largest = max(abs(ends[0]), abs(ends[1]))
     if rates[0] * rates[1] < 0.0:
-        p, q, rise = rates[0] * time, rates[1] * time, ends[1] - ends[0]
-        # value ends[0] + p s + c2 s^2 + c3 s^3 over the share s of the step
-        c2, c3 = 3.0 * rise - 2.0 * p - q, p + q - 2.0 * rise
-        root = math.sqrt(max(c2 * c2 - 3.0 * c3 * p, 0.0))
-        for sign in (-1.0, 1.0):
-            s = -p / (c2 + sign * root) if c2 + sign * root != 0.0 else -1.0
-            if 0.0 < s < 1.0:
+        p, c2, c3, one, other = turns_of(ends, rates, time)
+        for s in (one, other):
+            if s < 1.0:
                 largest = max(largest, abs(ends[0] + s * (p + s * (c2 + s * c3))))
     return largest
 
@@ -832,15 +789,10 @@ def held(motion):
         for i in range(size):
             put(motion.generator[i], found[s, i])
         row = motion.rows[s]
-        square = 0.0
-        for i in range(n):
-            square += row[i] * row[i]
         for j in range(size):
-            total = 0.0
+            total = dot(row, motion.generator[n:, j])
             for i in range(n):
-                total += row[i] * motion.generator[n + i, j]
-            for i in range(n):
-                found[s, n + i, j] -= total * row[i] / square
+                found[s, n + i, j] -= total * row[i] / dot(row, row)
     return found
 
 
@@ -855,20 +807,23 @@ def sum_terms(terms, time, out):
 
 
 @kernel
-def turn_column(generator, time, perturbations, column, out):
-    """Take a small perturbation of a state, (2 n, number), over a time."""
-    two = len(perturbations)
-    put(perturbations[:, column], out)
-    fresh = np.empty(two)
-    for k in range(1, TERMS):
-        for i in range(two):
-            total = 0.0
-            for j in range(two):
-                total += generator[i, j] * out[j]
-            fresh[i] = total * time / k
-        for i in range(two):
-            out[i] = fresh[i]
-            perturbations[i, column] += fresh[i]
+def turn_at_impact(motion, stop, z, perturbations):
+    """Take small perturbations over an impact, before it turns the state z: a perturbed flight is
+    struck at another moment. The old rates act before it, the new ones after it."""
+    n = motion.rows.shape[1]
+    before, after, moved = np.empty(2 * n), np.empty(2 * n), np.empty(len(z))
+    put(z, moved)
+    rate(motion, z, before)
+    speed = strike(motion, stop, moved[: 2 * n])
+    rate(motion, moved, after)
+    strike(motion, stop, before)
+    for column in range(perturbations.shape[1]):
+        distance = 0.0
+        for i in range(n):
+            distance += motion.rows[stop, i] * perturbations[i, column]
+        strike(motion, stop, perturbations[:, column])
+        for i in range(2 * n):
+            perturbations[i, column] += (after[i] - before[i]) * distance / speed
 
 
 @kernel
@@ -885,12 +840,7 @@ def distance_of(motion, stop, z):
 @kernel
 def output_of(motion, z):
     """The displacement of the output, and its rate."""
-    n = motion.rows.shape[1]
-    place, moving = 0.0, 0.0
-    for i in range(n):
-        place += motion.output[i] * z[i]
-        moving += motion.output[i] * z[n + i]
-    return place, moving
+    return dot(motion.output, z), dot(motion.output, z[motion.rows.shape[1] :])
 
 
 @kernel
@@ -913,12 +863,9 @@ def rest_on(motion, stop, z):
 @kernel
 def remove_part(direction, vector):
     """Take from a vector, in its place, its part along a direction."""
-    square, part = 0.0, 0.0
+    share = dot(direction, vector) / dot(direction, direction)
     for i in range(len(direction)):
-        square += direction[i] ** 2
-        part += direction[i] * vector[i]
-    for i in range(len(direction)):
-        vector[i] -= part / square * direction[i]
+        vector[i] -= share * direction[i]
 
 
 @kernel
@@ -940,7 +887,7 @@ def next_event(motion, touch, z, later, left, terms):
     """Time and stop of the next event of a flight from the state z to the one `later`, the time
     left after it: an impact, or the release from the stop that is rested on. Without an event the
     stop is NONE. `terms` holds the Taylor coefficients of z."""
-    n, c = motion.rows.shape[1], np.empty(TERMS)
+    c = np.empty(TERMS)
     resting, touched, skipped = touch.on[0], touch.on[1], touch.on[2]
     sooner, event = left, np.int64(NONE)
     for s in range(len(motion.positions)):
@@ -948,11 +895,7 @@ def next_event(motion, touch, z, later, left, terms):
             continue
         if not may_meet(motion, s, z, later, left):
             continue
-        for k in range(TERMS):
-            c[k] = 0.0
-            for i in range(n):
-                c[k] += motion.rows[s, i] * terms[k, i]
-        c[0] -= motion.positions[s]
+        project(motion.rows[s], motion.positions[s], terms, c)
         # from the stop itself, or from beyond it by rounding: the next touch
         on = s == touched or c[0] > 0.0
         at = first_rise(c[1:], sooner) if on else first_rise(c, sooner)
