@@ -819,7 +819,7 @@ def _gaussian(model: Model) -> Solution:
         covariance=displacement,
         velocity=velocity,
         pairs=[],
-        error=0.0,
+        error=2.0 * model.rms_bias,  # of mean squares
         acceleration=absolute_accelerations(modes, law, model.output_rows)
         if model.base_alone_moves
         else None,

@@ -118,8 +118,8 @@ FOLLOWING_RELAXATION = "simulate, history, spectrum, impacts, replay, screen and
 
 def functions_of_arrays(model: Model, *, with_branches: bool = False) -> list[str]:
     """The sentence that spring and damper must not be those of a nonlinear oscillator, for methods
-    that compile functions: these are functions of arrays; and those of springs that relax, where
-    the method does not take them."""
+    that compile functions: these are functions of arrays. Those of springs that relax come first,
+    where the method does not take them."""
     found = [] if with_branches else relaxing(model)
     if not (model.functions or (model.restoring is None and model.drag is None)):
         found.append(

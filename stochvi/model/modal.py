@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -15,8 +15,13 @@ from numpy.typing import NDArray
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import (
     Damping,
+    Force,
     RelaxingDamping,
+    Table,
     Tables,
+    eigenvalues,
+    gains,
+    quadrature,
     stationary_covariance,
     with_branches,
 )
@@ -308,6 +313,48 @@ class LinearLaw(NamedTuple):
     def largest_variance(self, modes: int) -> float:
         """The largest variance of a modal velocity."""
         return max(self.variances(row, modes) for row in np.eye(modes))
+
+
+ENDS = 1000.0
+"""Ends of a band that stands for white noise, relative to the slowest and the fastest frequency."""
+
+
+def bias_of_stiffness(
+    modes: ModalForm, rows: Matrix, sizes: Callable[[Vector], Vector], shaken: Sequence[Force]
+) -> float:
+    """Relative bias of rms displacements and velocities by errors of dynamic stiffnesses.
+
+    To first order an error dK along g changes x by -(H g) dK (g'q), whatever its phase, so that the
+    rms of x is off by at most int abs(x) abs(H g) abs(dK) abs(g'q) S df / int abs(x)^2 S df.
+
+    Parameters
+    ----------
+    modes
+        The structure.
+    rows, sizes
+        g (springs, n) of the coordinates, and abs(dK), N/m, at frequencies (Hz), (frequencies,
+        springs).
+    shaken
+        Modal forces per unit of white noises and signals.
+    """
+    squares, along = np.diag(modes.squares), rows @ modes.shapes
+    free = np.abs(eigenvalues(squares, modes.dynamic)) / (2.0 * math.pi)
+    ends = np.array([float(free[free > 0.0].min()) / ENDS, ENDS * float(free.max())])
+    flat = Table(frequency_hz=ends, density=np.ones(2))
+    bias = 0.0
+    for table, force in [*modes.tables, *((flat, force) for force in shaken)]:
+        f, weight = quadrature([(table, force)], squares, modes.dynamic)
+        moved = gains(f, squares, modes.dynamic, force)
+        steered = np.array([gains(f, squares, modes.dynamic, g) for g in along])
+        wrong = np.abs(moved @ along.T) * sizes(f)
+        x, by = np.abs(moved @ modes.shapes.T), np.abs(steered @ modes.shapes.T)
+        change = np.einsum("fs,sfx->fx", wrong, by)
+        for speed in (1.0, (2.0 * math.pi * f) ** 2):
+            share = (table(f) * weight * speed)[:, None] * x
+            own, off = (share * x).sum(axis=0), (share * change).sum(axis=0)
+            found = np.divide(off, own, out=np.zeros_like(own), where=own > 0.0)
+            bias = max(bias, float(found.max()))
+    return bias
 
 
 def absolute_accelerations(modes: ModalForm, law: LinearLaw, rows: Matrix) -> Vector:

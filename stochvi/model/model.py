@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import Filter, Force, InputMatrix, Table
 from stochvi.mathematics.unsteady_noise import FastPeaks, RandomLevel
-from stochvi.model.modal import Branch, ModalForm, modal_form
+from stochvi.model.modal import Branch, ModalForm, bias_of_stiffness, modal_form
 from stochvi.results.errors import SceneError
 from stochvi.scenes.characteristics import Characteristic, RelaxationSpring
 from stochvi.scenes.excitations import (
@@ -859,18 +859,36 @@ def _with_branches(model: Model, placed: Sequence[Placed]) -> Model:
     rates = None
     if model.rates is not None and not branches:
         rates = (math.sqrt(stiffness[0, 0] / model.unit_mass), model.rates[1])
-    return replace(model, stiffness=stiffness, branches=tuple(branches), rates=rates)
+    found = replace(model, stiffness=stiffness, branches=tuple(branches), rates=rates)
+    wrong = [part for part in placed if isinstance(part.law, RelaxationSpring) and part.law.error]
+    return replace(found, rms_bias=_bias_of_fit(found, wrong)) if wrong else found
+
+
+def _bias_of_fit(model: Model, placed: Sequence[Placed]) -> float:
+    """Relative bias of rms motions by the errors of springs, of accelerations too."""
+    laws = [part.law for part in placed if isinstance(part.law, RelaxationSpring)]
+    counts = np.array([part.count for part in placed])
+
+    def sizes(frequency_hz: Vector) -> Vector:
+        found = [each.error * np.abs(each.dynamic_stiffness(frequency_hz)) for each in laws]
+        return np.asarray(counts * np.array(found).T)
+
+    rows = np.array([part.row for part in placed])
+    forces = [direction for _, direction in model.whites]
+    forces += [signal.direction for signal in model.signals]
+    shaken = [model.modal.shapes.T @ force for force in forces if np.any(force)]
+    known = bias_of_stiffness(model.modal, rows, sizes, shaken)
+    return known + max(each.error for each in laws)
 
 
 SLOW, LIGHT = 1e-2, 1e-4
-"""A branch is taken as a damper in steps: its time is at most SLOW of a radian of the fastest mode,
-and all such branches together, k tau^2, are at most LIGHT of the mass that they move."""
+"""A branch is taken as a damper in steps. Its time is at most SLOW of a radian of the fastest mode.
+All such branches together, k tau^2, are at most LIGHT of the mass that they move."""
 
 
 def with_dampers(model: Model) -> Model:
     """A model with dampers k tau in the place of its fastest branches, which would ask for short
-    steps: i w k tau / (1 + i w tau) is that of the damper and of a mass -k tau^2, up to (w tau)^2.
-    """
+    steps. Up to (w tau)^2, i w k tau / (1 + i w tau) is that damper and a mass -k tau^2."""
     kept, damping, left = list[Branch](), model.damping.copy(), LIGHT
     fastest = math.sqrt(float(np.max(model.modal.squares)))
     longest = SLOW / fastest if fastest > 0.0 else 0.0

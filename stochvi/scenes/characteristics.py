@@ -17,6 +17,7 @@ from pydantic import BeforeValidator, Field, PrivateAttr, field_serializer, mode
 from stochvi.mathematics.numerics import Vector, Waves, gauss_panels
 from stochvi.results.errors import SceneError
 from stochvi.scenes.impact_laws.compliant import check_columns, with_columns
+from stochvi.scenes.relaxation import with_branches_of_file
 from stochvi.scenes.validation import (
     Checked,
     Function,
@@ -26,6 +27,7 @@ from stochvi.scenes.validation import (
     Numbers,
     OneOf,
     Positive,
+    Tolerance,
     _name_of,
     arguments_fault,
     evaluated,
@@ -673,6 +675,15 @@ class RelaxationSpring(SpringForce):
         Static stiffness, N/m, which adds to that of the structure.
     branches
         Stiffness k_i, N/m, and relaxation time tau_i, s, of each branch.
+    file
+        Instead of the two: a file of the columns frequency_hz, dynamic_stiffness and loss_factor.
+        The dynamic stiffness, N/m, is the size of the complex one. Branches follow it by
+        non-negative least squares.
+    error
+        Relative error of the dynamic stiffness, which the stated bias of answers contains; with a
+        file the error to which it is followed, by default 0.01.
+    source
+        Where the numbers come from; by default the name of the file from which they were read.
     on, between, axis
         Where it acts: on a coordinate or point, between two, or along an axis of the mounts of a
         box.
@@ -693,6 +704,14 @@ class RelaxationSpring(SpringForce):
     kind: Literal["relaxation"] = "relaxation"
     stiffness: NonNegative
     branches: Matrix = ()
+    file: str | None = None
+    error: Tolerance = 0.0
+    source: str | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_file(cls, keys: Any) -> Any:
+        return with_branches_of_file(keys)
 
     @model_validator(mode="after")
     def _relaxes(self) -> Self:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from stochvi import (
     Oscillator,
     Restitution,
     Scene,
+    SceneError,
     Sine,
     TabulatedNoise,
     WhiteNoise,
@@ -32,6 +34,7 @@ from stochvi.mathematics.spectra import gains
 from stochvi.model.modal import linear_law
 from stochvi.model.model import model_of
 from stochvi.scenes import RelaxationSpring
+from stochvi.scenes.scene import scene_from
 from stochvi.testing import assert_agrees
 from support.rubber import random_rubber
 
@@ -229,6 +232,89 @@ def test_sizes_of_the_limit_of_a_damper_agree() -> None:
     assert_agrees(both, wanted.value)
     with pytest.raises(AssertionError):  # a fortieth less damping would be seen
         assert_agrees(both, softer.value)
+
+
+# A table ---------------------------------------------------------------------------
+
+
+def master_curve(folder: Path, heading: str = "frequency_hz,dynamic_stiffness,loss_factor") -> Path:
+    """A fractional Zener element over six decades."""
+    f = np.geomspace(1e-3, 1e3, 121) / (2.0 * np.pi * 1e-4)
+    whole = fractional(f)
+    file = folder / "rubber.csv"
+    rows = np.column_stack([f, np.abs(whole), whole.imag / whole.real])
+    np.savetxt(file, rows, delimiter=",", header=heading, comments="", fmt="%.17g")
+    return file
+
+
+def fractional(frequency_hz: np.ndarray) -> np.ndarray:
+    power = (2j * np.pi * frequency_hz * 1e-4) ** 0.5
+    return np.asarray((2e5 + 2e6 * power) / (1.0 + power))
+
+
+@pytest.mark.parametrize("noise", ["white", "table"])
+def test_halving_the_error_of_a_fit_changes_answers_within_their_bias(
+    tmp_path: Path, noise: str
+) -> None:
+    file = str(master_curve(tmp_path))
+    shaken = TRUCK if noise == "table" else WhiteNoise(density=0.01, unit="g2/Hz")
+    answers, errors = [], []
+    for error in (0.04, 0.01):
+        spring = {"kind": "relaxation", "file": file, "error": error}
+        scene = Scene(
+            structure=rubber_mount(spring, stiffness=0.0, damping=0.0), excitations=[shaken]
+        )
+        (law,) = scene.structure.spring or ()
+        assert isinstance(law, RelaxationSpring) and law.error <= error
+        f = np.geomspace(1e-3, 1e3, 121) / (2.0 * np.pi * 1e-4)
+        wrong = np.abs(law.dynamic_stiffness(f) / fractional(f) - 1.0)
+        assert wrong.max() == pytest.approx(law.error, rel=1e-6)
+        assert all(k >= 0.0 for k, _ in law.branches)
+        errors.append(law.error)
+        answers.append(exact(scene).coordinates["x"])
+        again = scene_from(scene.document())
+        assert again.document() == scene.document()
+    assert errors[1] <= 0.5 * errors[0]
+    f = np.linspace(5.0, 500.0, 200_001) if noise == "table" else np.geomspace(0.01, 3e4, 400_001)
+    density = np.full_like(f, 0.01 * 9.80665**2)
+    if noise == "table":
+        density = model_of(scene).tables[0][0](f)
+    moved = 10.0 / (fractional(f) - 10.0 * (2.0 * np.pi * f) ** 2)
+    for what, power in (("displacement_std", 0), ("velocity_std", 2)):
+        rough, fine = (getattr(each, what) for each in answers)
+        assert abs(rough.value - fine.value) <= rough.bias
+        assert 0.0 < fine.bias <= 0.5 * rough.bias
+        truth = np.trapezoid(np.abs(moved) ** 2 * density * (2.0 * np.pi * f) ** power, f) ** 0.5
+        # what the band of the white noise leaves out, and the rule of trapezia, is below 1e-4
+        for each in (rough, fine):
+            assert abs(each.value - truth) <= each.bias + 1e-4 * truth
+    # an error that is not stated would be noticed
+    assert abs(answers[0].displacement_std.value - answers[1].displacement_std.value) > 1e-6 * (
+        answers[1].displacement_std.value
+    )
+
+
+@pytest.mark.parametrize(
+    ("rows", "keys", "sentence"),
+    [
+        ("1,2e5,0.1\n2,2e5,0.1\n3,2e5,0.1\n", {"stiffness": 1.0}, "takes file, or stiffness and"),
+        ("1,2e5\n2,2e5\n3,2e5\n", {}, "expected 3 numbers (frequency_hz"),
+        ("1,2e5,0.1\n1,2e5,0.1\n3,2e5,0.1\n", {}, "at least 3 rising frequencies"),
+        ("1,-2e5,0.1\n2,2e5,0.1\n3,2e5,0.1\n", {}, "dynamic stiffnesses above 0"),
+        ("1,4e5,0.1\n10,2e5,0.1\n100,1e5,0.1\n", {}, "the table of a passive spring"),
+        (
+            "frequency_hz,dynamic_stiffness [N],loss_factor\n1,2e5,.1\n2,2e5,.1\n3,2e5,.1\n", {},
+            "must have dynamic_stiffness in N/m, got 'N'",
+        ),
+    ],
+)  # fmt: skip
+def test_tables_that_are_none_are_refused(
+    tmp_path: Path, rows: str, keys: dict[str, Any], sentence: str
+) -> None:
+    (tmp_path / "a.csv").write_text(rows)
+    with pytest.raises(SceneError) as error:
+        rubber_mount({"kind": "relaxation", "file": str(tmp_path / "a.csv")} | keys)
+    assert sentence in str(error.value)
 
 
 # Refusals --------------------------------------------------------------------------

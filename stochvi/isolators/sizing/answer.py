@@ -446,7 +446,8 @@ class ClearanceAnswer(Result):
         if not c.lower:
             return Estimate(value=0.0, upper_95=c.value, how="the nearest stops judged")
         error = (c.upper - c.lower) / (2.0 * GAUSSIAN_95)
-        return Estimate(value=c.value, standard_error=error, how=self.how)
+        bias = 0.0 if self.scene.phases else c.value * model_of(self.scene).rms_bias
+        return Estimate(value=c.value, standard_error=error, bias=bias, how=self.how)
 
     @property
     def how(self) -> str:
