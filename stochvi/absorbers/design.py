@@ -24,7 +24,7 @@ from stochvi.absorbers.performance import (
     without_absorber,
 )
 from stochvi.mathematics.numerics import Vector
-from stochvi.mathematics.units import LENGTH, METRES, ShownQuantity, readable
+from stochvi.mathematics.units import LENGTH, ShownQuantity, readable
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.simulation import compile_kernels
 from stochvi.methods.periodic import HarmonicResponse, harmonic_response
@@ -134,9 +134,10 @@ class Design(Result):
 
     def summary(self) -> str:
         """The best candidate, in a sentence."""
+        units = "one unit" if self.units == 1 else f"{self.units} units"
         return (
-            f"{self.units} box(es) with a play of {METRES.text(self.best.play)} and restitution "
-            f"{self.restitution:g}: {self.best.ratio.value:.3g} of the rms displacement without"
+            f"{units}, restitution {self.restitution:g}, total play {LENGTH.text(self.best.play)}: "
+            f"rms displacement {100.0 * self.best.ratio.value:.1f} % of that without absorber"
         )
 
 

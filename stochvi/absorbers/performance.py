@@ -30,7 +30,6 @@ from stochvi.results.base import (
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import (
     Estimate,
-    format_with_error,
     mean_and_error,
     provenance,
     student_factor,
@@ -454,9 +453,29 @@ class AbsorberReport(Result):
         return frame_of(rows)
 
     def summary(self) -> str:
-        """The effect of the absorber at the level nearest to that of the scene, in words."""
-        share = format_with_error(self.central.ratio.value, self.central.ratio.standard_error)
-        return f"rms displacement of {self.carrier}: {share} of that without the absorber"
+        """The effect of the absorber at the level of the scene, in a sentence."""
+        central = self.central
+        low, high = central.interval()
+        surely_worse = central.ratio.value - (central.ratio.bias or 0.0) > (
+            1.0 + SURE * central.ratio.standard_error
+        )
+        units, between = len(self.masses), f"{low:.3f} to {high:.3f} of that without"
+        masses = "a mass" if units == 1 else f"{units} masses"
+        mass = f"{masses} of {100.0 * self.mass_ratio:.3g} % of the structure"
+        if surely_worse:
+            makes = "makes" if units == 1 else "make"
+            return f"{mass} {makes} it worse: rms displacement {between}"
+        if high >= 1.0:
+            return f"{mass} has no clear effect: rms displacement {between}"
+        return (
+            f"{mass}: rms displacement {central.ratio.value:.3f} of that without "
+            f"(95 % interval {low:.3f} to {high:.3f})"
+        )
+
+
+SURE = 4.0
+"""Number of standard errors by which a ratio must exceed 1 for the verdict that an absorber does
+harm."""
 
 
 @calculation

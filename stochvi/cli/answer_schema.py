@@ -229,8 +229,7 @@ class Definitions:
         found |= dict.fromkeys(getattr(kind, "as_columns", ()), COLUMNS)
         found |= {key: self.of_type(each) for key, each in change.added.items()}
         optional = {key: self.of_type(each) for key, each in change.optional.items()}
-        rare = (*getattr(kind, "only_if_known", ()), *getattr(kind, "sometimes", ()))
-        rare = tuple(found) if issubclass(kind, Quantities) else rare
+        rare = tuple(found) if issubclass(kind, Quantities) else getattr(kind, "sometimes", ())
         optional |= {key: found.pop(key) for key in rare}
         summary = " ".join(inspect.cleandoc(kind.__doc__ or "").partition("\n\n")[0].split())
         return {"description": summary, **_record(found, optional)}

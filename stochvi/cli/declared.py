@@ -64,13 +64,12 @@ class Question:
     def show(self, answer: Any, beside: Callable[[], dict[str, Any]] = dict, **how: Any) -> None:
         """Show an answer, after the verdict on the record of the scene, and write its page if it
         has one, with what stands `beside` it there."""
-        from stochvi.views.pictures import function_of, view_of
+        from stochvi.views.pictures import view_of, write_report
 
         self.options.show(answer, self.scene, verdict=self.verdict, **how)
-        view, folder = view_of(answer), self.options.out
-        if view.report and folder is not None:
+        if view_of(answer).page and self.options.out is not None:
             origin = self.options.origin(self.file, answer.provenance)
-            function_of(view.report)(answer, folder, origin, **beside())
+            write_report(answer, self.options.out, origin, **beside())
 
     def asks(self, of: str, progress: str, asked: dict[str, Any]) -> None:
         """Ask another calculation."""

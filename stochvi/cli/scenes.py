@@ -105,7 +105,7 @@ def _show_textbook(scene: Scene, verdict: Check, label: str, out: Path, console:
     meaning = (
         "closure, motion, force: statistical linearisation, approximate; book: as printed there"
     )
-    print_told(console, Told(sections=[Section(grids=[table], notes=[meaning])]))
+    print_told(console, Told(sections=[Section(grids=table, notes=[meaning])]))
     if not verdict.passed:
         print_told(console, check_told(verdict))
     console.print(verdict.summary(), highlight=False)
@@ -272,7 +272,7 @@ def profiles() -> None:
         for profile in shipped().values()
     ]
     table = Grid.of("profiles, g rms as stated and recomputed", rows)
-    print_told(console_for(None), Told(sections=[Section(grids=[table])]))
+    print_told(console_for(None), Told(sections=[Section(grids=table)]))
 
 
 @main.command()

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from functools import cache
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self, TypeVar, cast
 
 import numpy as np
@@ -176,10 +177,7 @@ COLUMN_UNITS = {
     "stiffness": "N/m", "time": "s", "duration": "s", "contact_time": "s", "life_time": "s",
     "rice": "1/s", "closure": "1/s", "simulated": "1/s", "rice_rate": "1/s",
     "first_hit_rate": "1/s", "hit_rate": "1/s", "exceedance_rate": "1/s", "lyapunov": "1/s",
-}  # fmt: skip
-"""Units of the columns of tables by their names, beside those of `RESPONSE_QUANTITIES`."""
-
-UNNAMED_UNITS = {
+    # no file states these in the names of its columns, as no answer has them in one
     "equivalent_density": "(m/s^2)^2/Hz", "fatigue_damage": "(m/s)^b",
     "clearance_cost": "m", "amplitude": "m", "without": "m", "mean": "m", "variance": "m^2",
     "velocity_mean": "m/s", "peak_acceleration": "m/s^2", "pad_force": "N", "impulse": "N s",
@@ -187,7 +185,7 @@ UNNAMED_UNITS = {
     "speed_rate_upper": "m/s^2", "speed_square_rate_lower": "m^2/s^3",
     "speed_square_rate_upper": "m^2/s^3",
 }  # fmt: skip
-"""Units that files for programs state, and that names of columns never do."""
+"""Units of the columns of tables by their names, beside those of `RESPONSE_QUANTITIES`."""
 
 ENDING = re.compile(
     r"(?:_(?:low|high|error|standard_error|bias|without_stops|without))*"
@@ -212,19 +210,35 @@ def in_three_columns(table: DataFrame) -> list[dict[str, str]]:
     found = []
     for row in rows:
         known = {name: each for name, each in row.items() if each is not None and each == each}
-        errors: dict[str, Any] = {name: known.get(name) for name in (BIAS, LIMIT) if name in row}
-        errors |= {name: known[name] for name in (ERROR, BIAS_ERROR) if name in known}
         note = [f"{known['lower']:.4g} to {known['upper']:.4g}"] if "lower" in known else []
         note += [known[name] for name in remarks if name in known]
         value = NO_VALUE
-        if math.isfinite(row["value"]):
-            estimate = Estimate(value=row["value"], **errors)
+        if estimate := estimate_of(row):
             note += filter(None, [estimate.bias_in_words.removeprefix(", ")])
             value = f"{plus_minus(estimate)} {row['unit'] if row['unit'] != '1' else ''}".strip()
         names = [row[name] for name in ("of", "law", "quantity", "number") if name in row]
         name = ("." if all(map(str.isidentifier, names)) else ": ").join(names)
         found.append({"quantity": name, "value": value, "note": "; ".join(note)})
     return found
+
+
+def estimate_of(row: Mapping[str, Any], name: str = "") -> Estimate | None:
+    """The number of a row of a tidy table, or under a `name` in one of many numbers.
+
+    Errors that are not there are 0, and a bias that is not known (NaN) is None. The answer is None
+    where the number itself is not known.
+
+    >>> estimate_of({"value": 2.0, "standard_error": 0.5, "bias": math.nan})
+    2.00(50), bias not known []
+    """
+    before = f"{name}." if name else ""
+    errors = {each: row.get(before + each) for each in (ERROR, BIAS, BIAS_ERROR, LIMIT)}
+    known = {each: float(x) for each, x in errors.items() if x is not None and x == x}
+    value = row[name or "value"]
+    if not math.isfinite(value):
+        return None
+    unknown: dict[str, Any] = {BIAS: None} if before + BIAS in row else {}
+    return Estimate(value=float(value), **unknown | known)
 
 
 OF_A_VALUE = ("value", ERROR, BIAS, BIAS_ERROR, LIMIT, "lower", "upper", "95 % from", "to")
@@ -257,7 +271,7 @@ def unit_of_column(column: str) -> str | None:
     ('m/s^2', '(m/s^2)^2/Hz')
     """
     name, _ = _parts(column)
-    return _unit_of_name(name) or UNNAMED_UNITS.get(name)
+    return _unit_of_name(name)
 
 
 def _unit_of_name(name: str) -> str | None:
@@ -368,6 +382,20 @@ def stacked(tables: Iterable[Any], columns: list[str] | None = None) -> DataFram
 
     found = [frame_of(each) if isinstance(each, Mapping) else each for each in tables]
     return pd.concat(found, ignore_index=True) if found else frame_of(columns=columns)
+
+
+def frame_by(parts: Iterable[Any], names: str, **own: Callable[[Any], Any]) -> DataFrame:
+    """The table of parts of an answer, by the names of fields that are its columns.
+
+    Columns of one's own follow, each with what makes its cell. What is not known is NaN.
+
+    >>> frame_by([Estimate(value=2.0)], "value bias", twice=lambda each: 2.0 * each.value)
+       value  bias  twice
+    0    2.0   0.0    4.0
+    """
+    read = {name: attrgetter(name) for name in names.split()} | own
+    cells = [{name: cell(part) for name, cell in read.items()} for part in parts]
+    return frame_of({n: math.nan if x is None else x for n, x in row.items()} for row in cells)
 
 
 class KeptTable:
@@ -495,11 +523,13 @@ class Result:
     """Fields whose tables are columns in a document, and not rows. Parts of an answer may state
     this, what is in a document and what is not, too."""
 
-    only_if_known: ClassVar[tuple[str, ...]] = ()
-    """Fields that a document leaves out where they hold nothing."""
-
     sometimes: ClassVar[tuple[str, ...]] = ()
-    """Fields that only some documents of a kind have."""
+    """Fields that only some documents of a kind have: those in which they hold something."""
+
+    @property
+    def omitted(self) -> Sequence[str]:
+        """Those of them that the document of this answer leaves out."""
+        return [name for name in self.sometimes if not len(getattr(self, name))]
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -659,8 +689,8 @@ def _described(found: Any) -> dict[str, Any]:
     own |= {name: getattr(found, name) for name in _names_of(kind) if name not in left_out}
     for name in getattr(found, "as_columns", ()):
         own[name] = None if own[name] is None else own[name].to_dict("list")
-    empty = [name for name in getattr(found, "only_if_known", ()) if not len(own[name])]
-    return {name: each for name, each in own.items() if name not in empty}
+    omitted = getattr(found, "omitted", ())
+    return {name: each for name, each in own.items() if name not in omitted}
 
 
 def _on_the_way(part: Any, way: str) -> Any:
@@ -899,7 +929,7 @@ class Response(Result):
     """
 
     not_in_document = ("stop_powers",)
-    only_if_known = ("statistics",)
+    sometimes = ("statistics",)
 
     method: str
     coordinates: Mapping[str, CoordinateResponse]

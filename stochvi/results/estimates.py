@@ -719,9 +719,12 @@ HARDLY = 1e-4
 """Half of an interval over the value below which four digits are right without it."""
 
 
-def plus_minus(estimate: Estimate | None, quantity: ShownQuantity = NUMBER) -> str:
-    """A value with half of its 95 % interval; an upper limit where nothing was seen.
+def plus_minus(estimate: Estimate | None, quantity: ShownQuantity = NUMBER, digits: int = 4) -> str:
+    """A value with half of its 95 % interval; an upper limit where nothing was seen. Without an
+    interval it has four digits, or up to so many `digits` where its bias lets these be known.
 
+    >>> plus_minus(Estimate(value=0.23744159, bias=2e-7), digits=7)
+    '0.237442'
     >>> plus_minus(Estimate(value=0.2498, standard_error=0.0096)), plus_minus(None)
     ('0.250 ± 0.019', '-')
     >>> plus_minus(Estimate(value=0.1832, bias=2.9e-5))
@@ -735,7 +738,9 @@ def plus_minus(estimate: Estimate | None, quantity: ShownQuantity = NUMBER) -> s
         return f"at most {quantity(estimate.upper_95):.2g}"
     value, half = quantity(estimate.value), quantity(estimate.half_width_95())
     if half < HARDLY * abs(value) or half == 0.0:
-        return f"{value:.4g}"
+        known = digits if half == 0.0 else int(math.log10(abs(value) / half))
+        known = 0 if estimate.bias is None else known
+        return f"{value:.{max(min(digits, known), 4)}g}"
     places = 1 - math.floor(math.log10(half))
     if value:
         places = min(places, 3 - math.floor(math.log10(abs(value))))
@@ -827,3 +832,11 @@ def over_percent(probability: float) -> str:
     ('over 99.9 %', 'over 99.8 %')
     """
     return f"over {min(math.floor(1000.0 * probability), 999) / 10.0:g} %"
+
+
+def chance_of(found: Estimate) -> str:
+    """A probability, or its upper limit where there is one; unknown where that is nearly 1."""
+    limit = found.upper_95
+    if limit is None:
+        return spoken_percent(found.value)
+    return "not known" if limit > NEAR_ONE else f"below {spoken_percent(limit)}"

@@ -38,7 +38,6 @@ from stochvi.results.base import (
     Result,
     Stated,
     frame_of,
-    in_chosen_units,
     quantities_of,
     stacked,
     stated,
@@ -49,7 +48,6 @@ from stochvi.results.estimates import (
     GAUSSIAN_95,
     TOO_FEW,
     Estimate,
-    format_with_error,
     jackknife_error,
     logarithmic_interval,
     mean_and_error,
@@ -465,26 +463,6 @@ class ImpactStatistics(Result):
         ]
         rows = (row for name, pair in self.pairs.items() for row in _rows(name, pair))
         return frame_of(rows).reindex(columns=columns)
-
-    def to_table(self) -> DataFrame:
-        """The same table for reading, in the units that are shown: numbers with their errors in
-        words."""
-        table = in_chosen_units(self.to_frame())
-
-        def spoken(row: Any) -> dict[str, str]:
-            given = not math.isnan(row["lower"])
-            return {
-                "of": row["of"],
-                "quantity": row["quantity"],
-                "value": format_with_error(row["value"], row["standard_error"])
-                if row["standard_error"]
-                else f"{row['value']:.4g}",
-                "95 % interval": f"{row['lower']:.4g} to {row['upper']:.4g}" if given else "",
-                "by": row["by"] if given else "",
-                "unit": row["unit"],
-            }
-
-        return frame_of(spoken(row) for _, row in table.iterrows())
 
     def histograms(self) -> DataFrame:
         """One row per pair, histogram ("speed" in m/s, "interval" in s) and bin."""

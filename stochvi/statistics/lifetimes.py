@@ -273,37 +273,23 @@ class LifeTimes(Result):
 
     def to_frame(self) -> DataFrame:
         """One row for each regime and each destination; one for a regime that no path left."""
-        rows = []
-        for each in self.regimes:
-            row = {
-                "regime": each.regime,
-                "life_time": _or_nan(each.life_time),
-                "life_time_low": each.life_time_low,
-                "life_time_high": math.inf if each.life_time is None else each.life_time_high,
-                "left": each.left,
-                "paths": each.paths,
-            }
-            for there in each.destinations:
-                rows.append(
-                    row
-                    | {
-                        "to": there.regime,
-                        "share": there.share,
-                        "share_low": there.share_low,
-                        "share_high": there.share_high,
-                    }
-                )
-            if not each.destinations:
-                rows.append(row | {"to": "", "share": math.nan})
-        return frame_of(rows)
+        rows = [
+            {name: getattr(each, name) for name in OF_A_REGIME}
+            | {"to": to.regime}
+            | {name: getattr(to, name) for name in ("share", "share_low", "share_high")}
+            for each, to in self.departures
+        ]
+        found = frame_of(rows).astype({"life_time": float})
+        endless = found["life_time"].isna()
+        return found.assign(life_time_high=found["life_time_high"].mask(endless, math.inf))
 
     def summary(self) -> str:
         """How long each regime lasts, in a sentence."""
         return "; ".join(map(_sentence, self.regimes))
 
 
-def _or_nan(value: float | None) -> float:
-    return math.nan if value is None else value
+OF_A_REGIME = ("regime", "life_time", "life_time_low", "life_time_high", "left", "paths")
+"""Columns of a regime."""
 
 
 def _sentence(each: LifeTime) -> str:

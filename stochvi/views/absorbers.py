@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +14,7 @@ import numpy as np
 from stochvi.absorbers.design import AbsorberSine, Design, tuned_key
 from stochvi.mathematics.units import LENGTH
 from stochvi.results.estimates import Estimate, plus_minus
-from stochvi.results.files import Origin, origin_of
+from stochvi.results.files import Origin
 from stochvi.views.axes import BAND_ALPHA, COLOURS, FREQUENCY, Chart, Scale, length_of, panels
 from stochvi.views.pages import (
     Fact,
@@ -24,9 +23,8 @@ from stochvi.views.pages import (
     Section,
     Told,
     page_of,
-    records,
     shown,
-    write_page,
+    told_of,
 )  # fmt: skip
 from stochvi.views.tables import UNKNOWN, spoken_length
 
@@ -38,10 +36,6 @@ if TYPE_CHECKING:
     from stochvi.results.estimates import Cost
     from stochvi.scenes.scene import Scene
 
-
-SURE = 4.0
-"""Number of standard errors by which a ratio must exceed 1 for the verdict that an absorber does
-harm."""
 
 SIZE = (7.0, 4.2)
 """Size of a figure, inches."""
@@ -56,35 +50,8 @@ RATIO = Scale("rms displacement with / without absorber")
 
 def absorber_told(found: AbsorberReport) -> Told:
     """The effect of an absorber by level and by play, and that of a tuned damper."""
-    return Told(
-        verdict=verdict(found),
-        sections=[_motion(found), _plays(found), *_tuned(found.tuned_damper), _impacts(found)],
-        warnings=found.warnings,
-        footer=_footer(found.cost),
-    )
-
-
-def verdict(found: AbsorberReport) -> str:
-    """The effect of the absorber at the level of the scene, in a sentence."""
-    central = found.central
-    low, high = central.interval()
-    surely_worse = central.ratio.value - (central.ratio.bias or 0.0) > (
-        1.0 + SURE * central.ratio.standard_error
-    )
-    units = len(found.masses)
-    masses = "a mass" if units == 1 else f"{units} masses"
-    mass = f"{masses} of {100.0 * found.mass_ratio:.3g} % of the structure"
-    if surely_worse:
-        makes = "makes" if units == 1 else "make"
-        return f"{mass} {makes} it worse: rms displacement {low:.3f} to {high:.3f} of that without"
-    if high >= 1.0:
-        return (
-            f"{mass} has no clear effect: rms displacement {low:.3f} to {high:.3f} of that without"
-        )
-    return (
-        f"{mass}: rms displacement {central.ratio.value:.3f} of that without "
-        f"(95 % interval {low:.3f} to {high:.3f})"
-    )
+    sections = [_motion(found), _plays(found), *_tuned(found.tuned_damper), _impacts(found)]
+    return told_of(found, (), (), *sections, footer=_footer(found.cost))
 
 
 def tuned_sentence(found: TunedDamper) -> str:
@@ -98,13 +65,13 @@ def tuned_sentence(found: TunedDamper) -> str:
 
 
 OF_MOTION = (
-    "ratio", "displacement_std", "displacement_std_without", "peak_factor", "peak_factor_without",
-    "acceleration_std", "acceleration_std_without",
-)  # fmt: skip
+    "ratio; displacement_std; displacement_std_without; peak_factor; peak_factor_without; "
+    "acceleration_std; acceleration_std_without"
+)
 OF_IMPACTS = (
-    "impacts_per_period", "wall_force", "impulse", "absorbed_share", "wall_force_peak",
-    "wall_force_largest", "wall_acceleration_largest",
-)  # fmt: skip
+    "impacts_per_period; wall_force; impulse; absorbed_share; wall_force_peak; "
+    "wall_force_largest; wall_acceleration_largest"
+)
 """Fields of a level that the tables of motion and of impacts show."""
 
 
@@ -119,14 +86,14 @@ def _motion(found: AbsorberReport) -> Section:
             "Peak factor: largest displacement from the mean in 100 periods, over the rms. "
             "± is half of a 95 % interval.",
         ],
-        pictures=[shown(lambda: draw_levels(found), "The same over the level, 95 %.")],
+        pictures=[shown(lambda: plot_absorber(found), "The same over the level, 95 %.")],
     )
 
 
-def _by_level(found: AbsorberReport, caption: str, names: Sequence[str]) -> list[Grid]:
-    """A table with a row for each level, without columns in which nothing is known."""
-    caption, rows = f"{caption}, by level of the excitation", [(e,) for e in found.performances]
-    return [grid.known() for grid in Grid.stated(caption, rows, 0, ("level_db", *names))]
+def _by_level(found: AbsorberReport, caption: str, names: str) -> list[Grid]:
+    """A table with a row for each level."""
+    caption = f"{caption}, by level of the excitation"
+    return Grid.of(caption, found.performances, f"level_db; {names}", 0)
 
 
 def _impacts(found: AbsorberReport) -> Section:
@@ -159,15 +126,10 @@ def _plays(found: AbsorberReport) -> Section:
         title=title,
         lead="The motion scales: a level raised by 6 dB acts like half the play. The levels above "
         "therefore give the ratios of boxes of other plays at the level of the scene.",
-        grids=Grid.by(
+        grids=Grid.of(
             "boxes of other plays, at the level of the scene",
-            {
-                f"play ({LENGTH})": lambda each: None if each.play is None else LENGTH(each.play),
-                "over this box's": lambda each: f"{each.play_factor:.3g}",
-                "ratio": lambda each: f"{each.ratio.value:.3f}",
-                "95 % interval": lambda each: f"{each.low:.3f} to {each.high:.3f}",
-            },
-            [(each,) for each in found.play_curve],
+            found.play_curve,
+            "play {m}; over this box's = play_factor {.3g}; ratio",
             0,
         ),
         pictures=[shown(lambda: draw_plays(found), "rms ratio over the play of the box, 95 %.")],
@@ -204,10 +166,8 @@ def _tuned(found: TunedDamper | None) -> list[Section]:
 
 def design_told(found: Design) -> Told:
     """The best box, the best box for a range of levels, and the candidates."""
-    return Told(
-        verdict=f"{_count(found.units, 'unit')}, restitution {found.restitution:g}, total play "
-        f"{spoken_length(found.best.play)}: rms displacement "
-        f"{100.0 * found.best.ratio.value:.1f} % of that without absorber",
+    return told_of(
+        found,
         sections=[
             Section(
                 title="Choice of the box",
@@ -222,7 +182,7 @@ def design_told(found: Design) -> Told:
                     "play is total, from stop to stop.",
                 ],
                 pictures=[
-                    shown(lambda: draw_design(found), "rms ratio over play; bars: two errors.")
+                    shown(lambda: plot_design(found), "rms ratio over play; bars: two errors.")
                 ],
             ),
             *_tuned(found.tuned_damper),
@@ -236,19 +196,13 @@ def _count(number: int, words: str) -> str:
 
 
 def _boxes(found: Design) -> list[Grid]:
-    return Grid.by(
+    return Grid.of(
         "best boxes",
-        {
-            "for": lambda name, _: name,
-            f"play ({LENGTH})": lambda _, box: LENGTH(box.play),
-            "95 % interval": lambda _, box: _span(box.play_low, box.play_high),
-            "as good within its error": lambda _, box: _span(box.low, box.high),
-            "rms ratio": lambda _, box: plus_minus(box.ratio),
-        },
-        [
-            ("this level", found.best),
-            (f"the worst of ± {found.level_range_db:g} dB", found.robust),
-        ],
+        [("this level", found.best), (f"the worst of ± {found.level_range_db:g} dB", found.robust)],
+        "for = name; play {m}; 95 % interval = interval; as good within its error = as_good; "
+        "rms ratio = ratio",
+        interval=lambda _, box: _span(box.play_low, box.play_high),
+        as_good=lambda _, box: _span(box.low, box.high),
     )
 
 
@@ -257,19 +211,14 @@ def _span(low: float, high: float) -> str:
 
 
 def _candidates(found: Design) -> list[Grid]:
-    return Grid.by(
+    return Grid.of(
         "candidates: the best one after a second, closer search, the others after the first one",
-        {
-            "restitution": lambda each: each["restitution"],
-            "units": lambda each: f"{each['units']:g}",
-            f"play ({LENGTH})": lambda each: LENGTH(each["play"]),
-            "play/sigma": lambda each: each["play_in_sigma"],
-            "rms ratio": lambda each: plus_minus(
-                Estimate(value=each["rms_ratio"], standard_error=each["rms_ratio_error"])
-            ),
-        },
-        records(found.candidates),
+        found.candidates,
+        "restitution; units; play; play/sigma = play_in_sigma; rms ratio = rms_ratio",
         0,
+        rms_ratio=lambda each: Estimate(
+            value=each["rms_ratio"], standard_error=each["rms_ratio_error"]
+        ),
     )
 
 
@@ -296,8 +245,8 @@ SIGNIFICANT = 2.0
 
 def absorber_sine_told(found: AbsorberSine) -> Told:
     """The vibration that is left over frequency, and the best tuning."""
-    return Told(
-        verdict=found.summary(),
+    return told_of(
+        found,
         sections=[
             Section(
                 title="Residual vibration",
@@ -317,7 +266,6 @@ def absorber_sine_told(found: AbsorberSine) -> Told:
                 ],
             ),
         ],
-        warnings=found.warnings,
         footer=[f"calculated in {found.cost.wall_time:.3g} s"],
     )
 
@@ -327,34 +275,29 @@ def _ranges(found: AbsorberSine) -> list[Grid]:
     curve = found.frequency
     kinds = [_lasting(curve, number) for number in range(len(curve.value))]
     starts = [0, *(n for n in range(1, len(kinds)) if kinds[n] != kinds[n - 1]), len(kinds)]
-    return Grid.by(
-        f"motion of {found.carrier!r} over frequency",
+    ranges = [
         {
-            "what may last": lambda first, _: kinds[first],
-            "from (Hz)": lambda first, _: float(curve.value[first]),
-            "to (Hz)": lambda _, end: float(curve.value[end - 1]),
-            f"without ({LENGTH})": lambda a, b: float(LENGTH(np.max(curve.without[a:b]))),
-            "least ratio": lambda a, b: float(np.min(curve.best[a:b])),
-            "largest ratio": lambda a, b: float(np.max(curve.worst[a:b])),
-        },
-        pairwise(starts),
-    )
+            "what may last": kinds[a], "from (Hz)": curve.value[a], "to (Hz)": curve.value[b - 1],
+            "without": np.max(curve.without[a:b]), "least ratio": np.min(curve.best[a:b]),
+            "largest ratio": np.max(curve.worst[a:b]),
+        }
+        for a, b in pairwise(starts)
+    ]  # fmt: skip
+    return Grid.of(f"motion of {found.carrier!r} over frequency", ranges)
 
 
 def _tunings(found: AbsorberSine) -> list[Grid]:
     """A row for each number that is tuned: its best value and the ratio there."""
-    return Grid.by(
-        "best tuning at the frequency of the scene",
+    tuned = [
         {
-            "what": lambda curve, _: _over(curve).label,
-            "what may last": _lasting,
-            "best": lambda curve, at: float(_over(curve).quantity(curve.value)[at]),
-            "ratio": lambda curve, at: float(curve.worst[at]),
-            "first harmonics": lambda curve, at: float(curve.first_harmonic[at]),
-        },
-        [(curve, curve.tuned) for curve in found.tuning],
-        2,
-    )
+            "what": _over(curve).label, "what may last": _lasting(curve, at),
+            "best": _over(curve).quantity(curve.value)[at],
+            "ratio": curve.worst[at], "first harmonics": curve.first_harmonic[at],
+        }
+        for curve in found.tuning
+        for at in [curve.tuned]
+    ]  # fmt: skip
+    return Grid.of("best tuning at the frequency of the scene", tuned, words=2)
 
 
 def _lasting(curve: ResidualCurve, number: int) -> str:
@@ -376,21 +319,6 @@ def _over(curve: ResidualCurve) -> Scale:
 # ------------------------------------------------------------------------------
 # Pages.
 # ------------------------------------------------------------------------------
-
-
-def write_absorber_report(
-    found: AbsorberReport | AbsorberSine | Design, folder: str | Path, origin: Origin | None = None
-) -> Path:
-    """Write `report.html`, a page that needs no other file, and `absorber.json`, its numbers;
-    returns the path of the page."""
-    origin = origin or origin_of(found.provenance)
-    if isinstance(found, Design):
-        page = design_page(found, origin)
-    elif isinstance(found, AbsorberSine):
-        page = sine_page(found, origin)
-    else:
-        page = performance_page(found, origin)
-    return write_page(page, found.to_dict(), "absorber", Path(folder))
 
 
 def performance_page(found: AbsorberReport, origin: Origin) -> Page:
@@ -530,7 +458,7 @@ def _footer(cost: Cost) -> list[str]:
 # ------------------------------------------------------------------------------
 
 
-def draw_levels(found: AbsorberReport, ax: Axes | None = None) -> Axes:
+def plot_absorber(found: AbsorberReport, ax: Axes | None = None) -> Axes:
     """rms ratio against level, with 95 % intervals."""
     levels = [each.level_db for each in found.performances]
     limits = [(each.ratio.value, *each.interval()) for each in found.performances]
@@ -575,7 +503,7 @@ def _draw_tuned(chart: Chart, found: TunedDamper | None) -> None:
         chart.level(found.ratio, "tuned damper of the same mass", "exact", "-.")
 
 
-def draw_design(found: Design, ax: Axes | None = None) -> Axes:
+def plot_design(found: Design, ax: Axes | None = None) -> Axes:
     """rms ratio against play for every candidate, and the best box with its interval."""
     from matplotlib import colormaps
 

@@ -17,7 +17,9 @@ from stochvi.results.base import (
     RESPONSE_QUANTITIES,
     DataFrame,
     Result,
+    estimate_of,
     frame_of,
+    rows_of,
     unit_of_column,
     with_unit,
 )
@@ -27,19 +29,15 @@ from stochvi.results.estimates import (
     ERROR,
     GAUSSIAN_95,
     LIMIT,
-    NO_VALUE,
-    Estimate,
+    plus_minus,
 )
 from stochvi.scenes.keys import KEY_UNITS
 from stochvi.views.axes import Chart, Scale, panels
 from stochvi.views.files import try_picture, write_bytes, write_table
 from stochvi.views.pages import Grid, Section, Told
 from stochvi.views.tables import (
-    LAST_DIGITS,
     NEGLIGIBLE,
-    NEVER_SEEN,
     QUANTITY_NAMES,
-    value_with_error,
 )
 
 if TYPE_CHECKING:
@@ -127,16 +125,6 @@ def quantities(table: DataFrame) -> list[str]:
 def terminal_table(table: DataFrame, keys: Sequence[str]) -> DataFrame:
     """The table as a terminal shows it: keys, and main quantities with standard errors."""
 
-    import pandas as pd
-
-    def cell(*numbers: float) -> str:
-        value = numbers[0]
-        error, bias, limit = (None if pd.isna(each) else float(each) for each in numbers[1:])
-        if pd.isna(value):
-            return NO_VALUE
-        estimate = Estimate(value=value, standard_error=error or 0.0, bias=bias, upper_95=limit)
-        return value_with_error(estimate)
-
     found = frame_of(
         {
             quantity.heading(key): quantity(table[key])
@@ -145,20 +133,16 @@ def terminal_table(table: DataFrame, keys: Sequence[str]) -> DataFrame:
     )
     for quantity in quantities(table):
         if quantity.rsplit(".", 1)[1] in ON_TERMINAL:
-            shown = [quantity, *(f"{quantity}.{end}" for end in (ERROR, BIAS, LIMIT))]
-            columns = _quantity(table, quantity)(table.reindex(columns=shown))
+            shown = _quantity(table, quantity)
             found[_named(table, quantity)] = [
-                cell(*numbers) for numbers in columns.itertuples(index=False, name=None)
+                plus_minus(estimate_of(row, quantity), shown) for row in rows_of(table)
             ]
     return found
 
 
 def sweep_told(table: DataFrame, keys: Sequence[str], method: str) -> Told:
-    """The table as a terminal shows it, and what its notation means."""
-    notes = [LAST_DIGITS] if method == "simulate" else []
-    notes += [NEVER_SEEN] if unseen(table).any() else []
-    grid = Grid.of(method, terminal_table(table, keys), words=None)
-    return Told(sections=[Section(grids=[grid], notes=notes)])
+    """The table as a terminal shows it."""
+    return Told(sections=[Section(grids=Grid.of(method, terminal_table(table, keys), words=0))])
 
 
 def unseen(table: DataFrame) -> pd.Series:

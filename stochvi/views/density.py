@@ -27,7 +27,7 @@ from stochvi.mathematics.units import (
     shown_as,
 )
 from stochvi.results.base import ROTATIONS, DataFrame, Response, in_angles, quantities_of
-from stochvi.results.estimates import Estimate
+from stochvi.results.estimates import Estimate, plus_minus
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.views.axes import (
     COLOURS,
@@ -46,7 +46,7 @@ from stochvi.views.axes import (
 )
 from stochvi.views.files import write_bytes
 from stochvi.views.pages import Grid, Told, told_of
-from stochvi.views.tables import effects_in_words, relative_bias, value_with_error
+from stochvi.views.tables import effects_in_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -74,29 +74,21 @@ FAINTEST = 1e-8
 
 def first_passage_told(found: FirstPassage) -> Told:
     """P(first passage before t) at each time, then its mean time and rates."""
-    table = Grid.by(
+    table = Grid.of(
         "P(first passage before t)",
-        {
-            f"t ({TIME})": lambda moment, _: f"{TIME(moment):g}",
-            "probability": lambda _, chance: value_with_error(chance, with_bias=False),
-            "rel. bias": lambda _, chance: relative_bias(chance),
-        },
         zip(found.times, found.probability, strict=True),
-        words=0,
+        "t = moment {s .6g}; probability = risk",
+        0,
+        moment=lambda moment, _: moment,
+        risk=lambda _, risk: plus_minus(risk, digits=7),
     )
     ends = [METRES.text(x, "g") for x in (found.lower, found.upper) if x is not None]
-    rates = [
-        f"mean time to the first passage {value_with_error(TIME(found.mean_time))} {TIME}",
-        f"rate in the end {value_with_error(RATE(found.decay_rate))} {RATE}",
-    ]
-    if found.rice_rate is not None:
-        rates.append(f"Rice {RATE.text(found.rice_rate.value)}")
     notes = [
         f"barriers at {' and '.join(ends)}; start: {found.start}",
         f"simulated effects: {effects_in_words(found.effects)}",
     ]
     cost = [f"cost: {found.cost.wall_time:.3g} s"]
-    return told_of(found, table, notes, verdict="; ".join(rates), footer=cost)
+    return told_of(found, table, notes, footer=cost)
 
 
 def plot_first_passage(found: FirstPassage, ax: Axes | None = None) -> Axes:

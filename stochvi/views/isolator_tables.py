@@ -4,9 +4,8 @@ phases, and ratios of damage; screening, clearances and perturbations; pictures 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from stochvi.isolators.sizing.answer import (
@@ -16,13 +15,11 @@ from stochvi.isolators.sizing.answer import (
     Probability,
 )
 from stochvi.isolators.tolerances import in_words
-from stochvi.mathematics.units import LENGTH, RATE, SPEED, spoken_mission
+from stochvi.mathematics.units import LENGTH, RATE, spoken_mission
 from stochvi.results.base import DataFrame, rows_of
 from stochvi.results.estimates import (
     Estimate,
     capital,
-    count_of,
-    plus_minus,
     spoken_percent,
 )
 from stochvi.views.axes import (
@@ -33,7 +30,6 @@ from stochvi.views.pages import (
     Grid,
     Section,
     Told,
-    records,
     sentence,
     shown,
 )
@@ -48,7 +44,6 @@ from stochvi.views.sizing import (
 from stochvi.views.statistics import damage_told, plot_damage
 from stochvi.views.tables import (
     WITHOUT_TOLERANCES,
-    chance_in_words,
     four_digits,
     limits_of,
     of_less_risk,
@@ -56,7 +51,6 @@ from stochvi.views.tables import (
     of_your_stops,
     spoken_length,
     to_copy,
-    way_in_words,
 )
 
 if TYPE_CHECKING:
@@ -73,16 +67,6 @@ Row = Mapping[str, Any]
 # ------------------------------------------------------------------------------
 # Changed scenes: tolerances, sensitivity and production.
 # ------------------------------------------------------------------------------
-
-
-def length_of(name: str) -> Callable[[Row], str | None]:
-    """The cell with the length of a column, in four digits and the unit that is shown."""
-    return lambda row: None if math.isnan(row[name]) else four_digits(LENGTH(row[name]))
-
-
-def _chance_of(name: str) -> Callable[[Row], str | None]:
-    """The cell with the probability of a column in per cent."""
-    return lambda row: None if math.isnan(row[name]) else chance_in_words(row[name])
 
 
 def worst_case_section(sizing: Sizing) -> Section:
@@ -120,22 +104,18 @@ def _changes_section(title: str, lead: str, caption: str, table: DataFrame | Non
     return Section(
         title=title,
         lead=lead,
-        grids=Grid.by(
+        grids=Grid.of(
             caption,
-            {
-                "change": lambda row: row["change"],
-                **({f"linear rms ({LENGTH})": length_of("sigma")} if "sigma" in table else {}),
-                **{f"{name} ({LENGTH})": length_of(name) for name in names},
-                "by (%)": lambda row: (
-                    None
-                    if math.isnan(row["clearance_change"])
-                    else f"{100.0 * row['clearance_change']:+.1f}"
-                ),
-                "any impact, clearance as stated": _chance_of("probability"),
-            },
-            records(table),
+            table,
+            [
+                "change",
+                *["linear rms = sigma {length}"] * ("sigma" in table),
+                *((name, name, "length") for name in names),
+                "by = clearance_change {% +.1f}",
+                "any impact, clearance as stated = probability {likely}",
+            ],
         ),
-        notes=[f"{row['change']}: {row['note']}" for (row,) in records(table) if row["note"]],
+        notes=[f"{row['change']}: {row['note']}" for row in rows_of(table) if row["note"]],
     )
 
 
@@ -149,25 +129,19 @@ def production_section(found: Production | None) -> Section:
         title="Production",
         lead=f"Units differ: {in_words(found.spreads)}.",
         grids=[
-            *Grid.by(
+            *Grid.of(
                 "what each tolerance costs: clearance, and share of its variance between units",
-                {
-                    "tolerance": lambda row: row["tolerance"],
-                    f"costs ({LENGTH})": lambda row: f"{LENGTH(row['clearance_cost']):.3g}",
-                    "alone (%)": lambda row: _share(row, "first_order"),
-                    "with others (%)": lambda row: _share(row, "total"),
-                },
-                records(found.tolerances),
+                found.tolerances,
+                "tolerance; costs = clearance_cost {.3g}; alone = first {%}; with others = all {%}",
+                first=lambda row: _share(row, "first_order"),
+                all=lambda row: _share(row, "total"),
             ),
-            *Grid.by(
+            *Grid.of(
                 "units from the best to the worst: probability of any impact in "
                 f"{spoken_mission(found.mission)}",
-                {
-                    "share of units": lambda row: f"{100.0 * row['share_of_units']:.3g} %",
-                    "at most": lambda row: spoken_percent(row["probability"]),
-                    f"would need ({LENGTH})": length_of("clearance"),
-                },
-                records(units),
+                units,
+                "share_of_units {percent}; at most = probability {likely}; "
+                "would need = clearance {length}",
             ),
         ],
         pictures=[
@@ -178,10 +152,9 @@ def production_section(found: Production | None) -> Section:
     )
 
 
-def _share(row: Row, name: str) -> str:
-    """A share of a variance in per cent."""
-    share, error = 100.0 * row[name], 100.0 * row[f"{name}_error"]
-    return plus_minus(Estimate(value=share, standard_error=error))
+def _share(row: Row, name: str) -> Estimate:
+    """A share of a variance."""
+    return Estimate(value=row[name], standard_error=row[f"{name}_error"])
 
 
 def production_told(found: Production) -> Told:
@@ -288,17 +261,12 @@ def _one(sizing: Sizing) -> list[Section]:
             "they leave out what is unknown about the mount and the environment: tolerances are "
             "for that.",
             grids=[
-                *Grid.by(
+                *Grid.of(
                     f"clearance per side by the probability of any impact in {mission}",
-                    {
-                        "probability of any impact": _chance_of("probability"),
-                        f"clearance ({LENGTH})": length_of("clearance"),
-                        "95 % interval": lambda row: limits_of(
-                            row["clearance_low"], row["clearance_high"]
-                        ),
-                        "in sigma": lambda row: row["clearance_in_sigma"],
-                    },
-                    records(sizing, "required"),
+                    rows_of(sizing, "required"),
+                    "probability of any impact = probability {likely}; clearance {length}; "
+                    "95 % interval = limits; in sigma = clearance_in_sigma",
+                    limits=lambda row: limits_of(row["clearance_low"], row["clearance_high"]),
                 ),
                 *_three_sigma(sizing),
                 *_impacts(sizing),
@@ -323,37 +291,29 @@ def _one(sizing: Sizing) -> list[Section]:
 def _three_sigma(sizing: Sizing) -> list[Grid]:
     """Risk and impacts at three times the linear rms; what is not simulated is left out."""
     three = sizing.three_sigma
-    grids = Grid.by(
+    return Grid.of(
         f"at 3 sigma = {spoken_length(three.clearance)}, in {spoken_mission(sizing.mission)}",
-        {
-            "any impact": lambda: spoken_percent(three.probability.value),
-            "impacts by Rice": lambda: count_of(three.rice_hits),
-            "first impacts (clusters)": lambda: plus_minus(three.first_hits),
-            "impacts, simulated": lambda: plus_minus(three.hits),
-            f"mean impact speed ({SPEED})": lambda: plus_minus(three.impact_speed_mean, SPEED),
-        },
-        [()],
+        [three],
+        "any impact = risk {likely}; impacts by Rice = rice_hits {count}; "
+        "first impacts (clusters) = first_hits; impacts, simulated = simulated; "
+        "mean impact speed = impact_speed_mean",
         0,
+        risk=lambda three: three.probability.value,
+        simulated=lambda three: three.hits,
     )
-    return [grid.known() for grid in grids]
 
 
 def _impacts(sizing: Sizing) -> list[Grid]:
     """Impacts at 3 sigma and at the answer; other clearances were steps of the search."""
     places = [sizing.three_sigma.clearance, sizing.clearance.value]
-    return Grid.by(
+    return Grid.of(
         "impacts on all stops, with the stop law",
-        {
-            f"clearance ({LENGTH})": length_of("clearance"),
-            "in sigma": lambda row: row["clearance_in_sigma"],
-            f"impacts ({RATE})": lambda row: RATE(row["hit_rate"]),
-            "95 % interval": lambda row: _rates(row["hit_rate_low"], row["hit_rate_high"]),
-            "impacts per cluster": lambda row: row["hits_per_first_hit"],
-            f"mean speed ({SPEED})": lambda row: SPEED(row["impact_speed_mean"]),
-            "by": lambda row: way_in_words(row["by"]),
-        },
-        [each for each in records(sizing, "simulated") if each[0]["clearance"] in places],
+        [row for row in rows_of(sizing, "simulated") if row["clearance"] in places],
+        "clearance {length}; in sigma = clearance_in_sigma; impacts = hit_rate; "
+        "95 % interval = rates; impacts per cluster = hits_per_first_hit; "
+        "mean speed = impact_speed_mean; by {way}",
         ["by"],
+        rates=lambda row: _rates(row["hit_rate_low"], row["hit_rate_high"]),
     )
 
 
@@ -373,16 +333,15 @@ def _several(sizing: Sizing) -> list[Section]:
                 *_places(sizing),
                 *pairs_grids(sizing),
                 *_risks(sizing),
-                *Grid.by(
-                    f"clearances for other probabilities of any impact in {mission}",
+                *Grid.across(
+                    f"clearances for other probabilities of any impact in {mission} ({LENGTH})",
+                    "pair",
                     {
-                        "pair": lambda name: name,
-                        **{
-                            f"{spoken_percent(row['probability'])} ({LENGTH})": partial(_cell, row)
-                            for (row,) in records(sizing, "required")
-                        },
+                        (name, spoken_percent(row["probability"])): four_digits(LENGTH(row[name]))
+                        for name in sizing.clearances
+                        for row in rows_of(sizing, "required")
+                        if not math.isnan(row[name])
                     },
-                    [(name,) for name in sizing.clearances],
                 ),
             ],
             pictures=[
@@ -397,30 +356,23 @@ def _several(sizing: Sizing) -> list[Section]:
     ]
 
 
-def _cell(row: Row, name: str) -> str | None:
-    """The length of a pair in a row."""
-    return length_of(name)(row)
-
-
 def _places(found: ClearanceAnswer) -> list[Grid]:
     """The clearance of each of several pairs to make, and its stops as a scene file has them; the
     stops are left out where a record contradicts the noise for which they hold."""
     made, done = found.rounded, bool(found.each_made)
-    stops: dict[str, Callable[[Row], str | None]] = {
-        f"{side}, in the scene file (m)": partial(_place, side) for side in ("lower", "upper")
-    }
-    columns = {
-        "pair": lambda row: row["pair"],
-        "clearance to make" if done else "clearance": lambda row: str(made[row["pair"]]),
-        f"equilibrium ({LENGTH})": lambda row: LENGTH(round(row["mean_gap"], NANOMETRES)) + 0.0,
-    }
-    rows = records(found.rows_of_places() if found.several else [])
-    return Grid.by(places_heading(found), columns | (stops if done else {}), rows)
-
-
-def _place(side: str, row: Row) -> str | None:
-    """The position of a stop, which takes all its digits; None where there is none."""
-    return None if math.isnan(row[side]) else f"{row[side]:.9g}"
+    stops = [(f"{side}, in the scene file (m)", side, "1 .9g") for side in ("lower", "upper")]
+    return Grid.of(
+        places_heading(found),
+        found.rows_of_places() if found.several else [],
+        [
+            "pair",
+            f"clearance{' to make' * done} = made",
+            "equilibrium = rest {m}",
+            *(stops if done else []),
+        ],
+        made=lambda row: made[row["pair"]],
+        rest=lambda row: round(row["mean_gap"], NANOMETRES) + 0.0,
+    )
 
 
 def places_heading(found: ClearanceAnswer) -> str:
@@ -448,37 +400,26 @@ Gaussian noise; those that are not shown to keep the target."""
 def pairs_grids(sizing: Sizing) -> list[Grid]:
     """A row per pair: its clearance with the interval, and its risk. Columns without a known number
     are left out; a warning of the answer says why."""
-    grids = Grid.by(
+
+    def places(row: Row) -> str:
+        known = [LENGTH(row[side]) for side in ("lower", "upper") if not math.isnan(row[side])]
+        return " and ".join(dict.fromkeys(f"{each:.4g}" for each in known))
+
+    def limits(row: Row) -> str:
+        each = sizing.clearances.get(row["pair"])
+        return "fixed" if each is None else limits_of(each.lower, each.upper)
+
+    return Grid.of(
         f"pair by pair, as calculated, in {spoken_mission(sizing.mission)}",
-        {
-            "pair": lambda row: row["pair"],
-            f"clearance ({LENGTH})": lambda row: " and ".join(
-                dict.fromkeys(
-                    f"{LENGTH(row[side]):.4g}"
-                    for side in ("lower", "upper")
-                    if not math.isnan(row[side])
-                )
-            ),
-            "95 % interval": lambda row: (
-                limits_of(each.lower, each.upper)
-                if (each := sizing.clearances.get(row["pair"]))
-                else "fixed"
-            ),
-            "in sigma": lambda row: f"{row['clearance_in_sigma']:.3g}",
-            f"3 sigma ({LENGTH})": lambda row: 3.0 * LENGTH(row["sigma"]),
-            "hit, if it alone had stops": _chance_of("probability_alone"),
-            "of first impacts": lambda row: f"{100.0 * row['share_of_first_hits']:.3g} %",
-            "expected impacts": lambda row: _known(row["expected_hits"]),
-            f"mean speed ({SPEED})": lambda row: _known(SPEED(row["impact_speed_mean"])),
-        },
-        records(sizing, "pairs"),
+        rows_of(sizing, "pairs"),
+        "pair; clearance = places {m}; 95 % interval = limits; in sigma = clearance_in_sigma "
+        "{.3g}; 3 sigma = three {m}; hit, if it alone had stops = probability_alone {likely}; "
+        "of first impacts = share_of_first_hits {percent}; expected impacts = expected_hits {.3g}; "
+        "mean speed = impact_speed_mean {.3g}",
+        places=places,
+        limits=limits,
+        three=lambda row: 3.0 * row["sigma"],
     )
-    return [grid.known() for grid in grids]
-
-
-def _known(value: float) -> str | None:
-    """A number with three digits; None where it is not known."""
-    return None if math.isnan(value) else f"{value:.3g}"
 
 
 def _risks(sizing: Sizing) -> list[Grid]:
@@ -489,14 +430,11 @@ def _risks(sizing: Sizing) -> list[Grid]:
         "3 sigma of every gap": Probability.of(sizing.three_sigma.probability),
         "of the scene": sizing.as_given,
     }
-    return Grid.by(
+    return Grid.of(
         f"probability that any pair is hit in {spoken_mission(sizing.mission)}",
-        {
-            "stops": lambda name, _: name,
-            "probability": lambda _, chance: spoken_percent(chance.value),
-            "95 % interval": lambda _, chance: interval_in_words(chance),
-        },
         [(name, chance) for name, chance in chances.items() if chance is not None],
+        "stops = name; probability = value {likely}; 95 % interval = interval",
+        interval=lambda _, chance: interval_in_words(chance),
     )
 
 
@@ -509,7 +447,7 @@ def interval_in_words(chance: Probability) -> str:
 def _pairs_tolerances(sizing: Sizing) -> Section:
     """The clearance that each sized pair needs for the same risk with each change, and where within
     the tolerances each is largest; empty without tolerances."""
-    if len(rows := records(sizing, "tolerances")) < 2:
+    if len(rows := rows_of(sizing, "tolerances")) < 2:
         return Section(title="Tolerances")
     largest: dict[str, list[str]] = {}
     for name, place in sizing.worst_at.items():
@@ -517,16 +455,16 @@ def _pairs_tolerances(sizing: Sizing) -> Section:
     return Section(
         title="Tolerances",
         lead=f"{sizing.allowed.in_words()}.",
-        grids=Grid.by(
+        grids=Grid.of(
             "within the tolerances, by linear theory: clearances that each pair alone needs for "
             "the same risk; probability of any impact with those as stated; last, the largest of "
             "each column over the whole region",
-            {
-                "change": lambda row: row["change"],
-                **{f"{name} ({LENGTH})": length_of(name) for name in sizing.clearances},
-                "probability of any impact": _chance_of("probability"),
-            },
             rows,
+            [
+                "change",
+                *((name, name, "length") for name in sizing.clearances),
+                "probability of any impact = probability {likely}",
+            ],
         ),
         notes=[f"Largest for {', '.join(each)}: {place}." for place, each in largest.items()],
     )
@@ -552,28 +490,21 @@ def _shared(sizing: Sizing) -> str:
 def clearance_told(found: ClearanceAnswer) -> Told:
     """The clearance to make, the line to copy, and what decides."""
     if isinstance(found, MissionSizing):
-        return _told(
-            found, [WITHOUT_TOLERANCES], [_phases(found)], assumptions=found.assumptions
-        )  # fmt: skip
+        more = {"assumptions": found.assumptions}
+        return _told(found, [WITHOUT_TOLERANCES], [_phases(found)], **more)
     assert isinstance(found, DamageSizing)
     return _told(found, [WITHOUT_TOLERANCES], [_damage(found)])
 
 
 def _phases(found: MissionSizing) -> Section:
     """The share of each phase in the risk, and what its record says."""
-    moved = found.phases["shift"].any()
-    grids = Grid.by(
+    moved = bool(found.phases["shift"].any())
+    grids = Grid.of(
         "phases at the calculated clearance, and the clearance that each alone would need",
-        {
-            "phase": lambda row: row["phase"],
-            "duration": lambda row: spoken_mission(row["duration"]),
-            f"rms ({LENGTH})": lambda row: LENGTH(row["displacement_std"]),
-            f"shift of rest ({LENGTH})": lambda row: LENGTH(row["shift"]) if moved else None,
-            "probability there": _chance_of("probability"),
-            "part of the risk": _chance_of("share"),
-            f"clearance alone ({LENGTH})": length_of("clearance"),
-        },
-        records(found.phases),
+        found.phases,
+        f"phase; duration {{mission}}; rms = displacement_std; {'shift of rest = shift;' * moved} "
+        "probability there = probability {likely}; part of the risk = share {likely}; "
+        "clearance alone = clearance {length}",
         ["phase", "duration"],
     )
     return Section(
@@ -582,7 +513,7 @@ def _phases(found: MissionSizing) -> Section:
         "probability of no impact in the mission is the product of those of its phases."
         if len(found.phases) > 1
         else "The mission starts in its stationary motion.",
-        grids=[*_places(found), *(grid.known() for grid in grids)],
+        grids=[*_places(found), *grids],
         pictures=[
             shown(
                 lambda: plot_mission_sizing(found),
@@ -606,18 +537,14 @@ def _damage(found: DamageSizing) -> Section:
         "damage is that of its pseudo-velocity, by rainflow cycles and Miner's sum.",
         grids=[
             *_places(found),
-            *Grid.by(
+            *Grid.of(
                 "clearances that were tried",
-                {
-                    f"clearance ({LENGTH})": length_of("clearance"),
-                    "times the damage": lambda row: plus_minus(
-                        Estimate(value=row["damage_ratio"], standard_error=row["standard_error"])
-                    ),
-                    "at (Hz)": lambda row: row["frequency_hz"],
-                    "by": lambda row: way_in_words(row["by"]),
-                },
-                records(found.tried),
+                found.tried,
+                "clearance {length}; times the damage = times; at = frequency_hz {Hz}; by {way}",
                 ["by"],
+                times=lambda row: Estimate(
+                    value=row["damage_ratio"], standard_error=row["standard_error"]
+                ),
             ),
         ],
         pictures=[
@@ -667,35 +594,33 @@ def screening_section(linear: Screening) -> Section:
     """The motion without stops, of coordinates, points and gaps."""
     caption = "linear screening, stops left out"
     if len(linear.coordinates) == 1:
-        motion = [Grid.of(caption, linear.rows(), ["quantity", "unit"])]
+        motion = Grid.of(caption, linear.rows(), words=["quantity", "unit"])
     else:
-        motion = [grid.known() for grid in _coordinates(caption, linear)]
-    gaps = [Grid.of("gaps, and impacts by Rice", linear.rows_of_gaps(), ["pair"])]
+        motion = _coordinates(caption, linear)
+    gaps = Grid.of("gaps, and impacts by Rice", linear.rows_of_gaps())
     return Section(
         title="Linear screening",
         lead="The rule of three sigma rests on the Gaussian response of the structure without "
         "stops. Impacts are counted as Rice's crossings, as if impacts changed nothing.",
-        grids=[*motion, *(gaps if linear.impact_pairs else [])],
+        grids=[*motion, *gaps],
     )
 
 
 def _coordinates(caption: str, linear: Screening) -> list[Grid]:
     """A row per coordinate and point, with each number and its unit in one column."""
 
-    def cell(name: str, unit: str) -> Callable[[Row], str | None]:
-        return lambda row: None if row[name] is None else f"{row[name]:.4g} {row[unit]}"
+    parts = {
+        "displacement": "unit", "velocity": "unit of velocity",
+        "absolute acceleration": "unit of acceleration",
+    }  # fmt: skip
 
-    return Grid.by(
-        caption,
-        {
-            "coordinate": lambda row: row["coordinate"],
-            "displacement": cell("displacement", "unit"),
-            "velocity": cell("velocity", "unit of velocity"),
-            "absolute acceleration": cell("absolute acceleration", "unit of acceleration"),
-            "zero up-crossings (Hz)": lambda row: row["zero up-crossings (Hz)"],
-        },
-        records(linear.rows()),
-    )
+    def spoken(row: dict[str, Any]) -> dict[str, Any]:
+        known = {name: unit for name, unit in parts.items() if row[name] is not None}
+        words = {name: f"{row[name]:.4g} {row[unit]}" for name, unit in known.items()}
+        return {n: e for n, e in (row | words).items() if n not in parts.values()}
+
+    rows = [spoken(row) for row in linear.rows()]
+    return Grid.of(caption, rows, [(name, name, "1") for name in rows[0]])
 
 
 def record_told(record: RecordVerdict | None, phase: str = "") -> Told:
@@ -723,37 +648,24 @@ REPLAYED = ("the clearance that this record needs", "replay")
 
 def curve_told(curve: DataFrame, notes: Sequence[str] = ()) -> Told:
     """The impact rate against clearance, as `clearance_curve` returns it, and the notes on it."""
-    pair = {"pair": lambda row: row["pair"]} if "pair" in curve else {}
-    grids = Grid.by(
+    grids = Grid.of(
         f"impacts per {RATE.time} on both stops, and mean impact speed",
-        {
-            **pair,
-            "gap/sigma": lambda row: f"{row['clearance_in_sigma']:.2f}",
-            f"gap ({LENGTH})": lambda row: LENGTH(row["clearance"]),
-            f"Rice ({RATE})": lambda row: RATE(row["rice"]),
-            f"closure ({RATE})": lambda row: RATE(row["closure"]),
-            f"simulated ({RATE})": lambda row: RATE(row["simulated"]),
-            "95 % interval": lambda row: _rates(row["simulated_low"], row["simulated_high"]),
-            f"mean speed ({SPEED})": lambda row: SPEED(row["impact_speed_mean"]),
-        },
-        records(curve),
-        len(pair),
+        curve,
+        "pair; " * ("pair" in curve) + "gap/sigma = clearance_in_sigma {.2f}; gap = clearance; "
+        "Rice = rice; closure; simulated; 95 % interval = rates; mean speed = impact_speed_mean",
+        ["pair"],
+        rates=lambda row: _rates(row["simulated_low"], row["simulated_high"]),
     )
     return Told(sections=[Section(grids=grids)], warnings=notes)
 
 
 def jolts_told(found: Jolts) -> Told:
     """Whether perturbations lead to clatter, and the shares of paths."""
-    grids = Grid.by(
+    grids = Grid.of(
         f"shares of {found.paths} paths, watched for {found.duration:.3g} s",
-        {
-            f"perturbation ({SPEED})": lambda row: SPEED(row["jolt"]),
-            "captured": lambda row: row["captured"],
-            "95 % interval": lambda row: f"{row['captured_low']:.3g} to {row['captured_high']:.3g}",
-            "on both stops": lambda row: row["on_both_stops"],
-            "left later": lambda row: row["left_later"],
-        },
-        records(found.to_frame()),
+        found.to_frame(),
+        "perturbation = jolt; captured; from = captured_low {.3g}; to = captured_high {.3g}; "
+        "on_both_stops; left_later",
         0,
     )
     return Told(verdict=found.summary(), sections=[Section(grids=grids)])

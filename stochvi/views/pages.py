@@ -8,18 +8,34 @@ import io
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import dataclass, is_dataclass, replace
+from functools import cached_property
 from itertools import zip_longest
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from rich.cells import cell_len
 
-from stochvi.mathematics.units import ACCELERATION, LENGTH, NUMBER, ShownQuantity, shown_as
-from stochvi.results.base import DataFrame, Result, plain, quantities_of, rows_of
-from stochvi.results.estimates import NO_VALUE, Estimate, capital, plus_minus
-from stochvi.views.files import time_for_pictures, to_json, write_report_page, write_text
+from stochvi.mathematics.units import (
+    DENSITY,
+    HOURLY,
+    LENGTH,
+    MILLISECONDS,
+    NUMBER,
+    PERCENT,
+    readable,
+    spoken_mission,
+)
+from stochvi.results.base import (
+    DataFrame,
+    Result,
+    Stated,
+    quantities_of,
+    rows_of,
+    unit_of_column,
+)
+from stochvi.results.estimates import NO_VALUE, Estimate, capital, count_of, plus_minus
+from stochvi.views.files import time_for_pictures
+from stochvi.views.tables import chance_in_words, four_digits, way_in_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,64 +80,39 @@ class Grid:
 
     @classmethod
     def of(
-        cls,
-        caption: str,
-        table: DataFrame | Sequence[Mapping[str, Any]],
-        words: int | Collection[str] | None = 1,
-        forms: Mapping[str, str] = {},
-    ) -> Self:
-        """A table with its numbers in four digits, or in the form of their column, and - where one
-        is not known. Without `words` they stand wherever not every cell is a number."""
-        known = rows_of(table)
-        headings = [*known[0]] if known else [str(name) for name in table]
-        rows = [[_cell(row[name], forms.get(name, ".4g")) for name in headings] for row in known]
-        if words is None:
-            columns = zip(headings, zip(*rows, strict=True), strict=True)
-            words = [name for name, cells in columns if not all(map(_is_number, cells))]
-        return cls(caption=caption, headings=headings, rows=rows, words=words)
-
-    @classmethod
-    def by(
-        cls, caption: str, columns: Mapping[str, Callable[..., object]],
-        rows: Iterable[tuple[Any, ...]], words: int | Collection[str] = 1,
-        alarms: Sequence[int] = (),
+        cls, caption: str, rows: Iterable[Any] | DataFrame,
+        columns: str | Iterable[str | Column] = "", words: int | Collection[str] = 1,
+        alarms: Sequence[int] = (), **own: Callable[..., object],
     ) -> list[Self]:  # fmt: skip
-        """A table described by its columns, each a heading with the cell that it makes of a row:
-        a text, or a number that gets four digits. None where there are no rows.
+        """A table whose columns are described with semicolons between them, "heading = name {form}"
+        each; none where there are no rows. Columns in which nothing is known are left out.
 
-        >>> Grid.by("roots", {"n": str, "root": lambda n: n**0.5}, [(2,), (9,)])[0].rows
-        [['2', '1.414'], ['9', '3']]
-        """
-        found = [[_cell(cell(*row), ".4g") for cell in columns.values()] for row in rows]
-        if not found:
-            return []
-        headings = [*columns]
-        return [cls(caption=caption, headings=headings, rows=found, words=words, alarms=alarms)]
-
-    @classmethod
-    def stated(
-        cls, caption: str, rows: Sequence[tuple[Any, ...]], words: int | Collection[str] = 1,
-        names: Sequence[str] = (),
-    ) -> list[Self]:  # fmt: skip
-        """A table whose rows are parts of an answer, by the words and units that their classes
-        state, in the units that are shown. It has all stated fields, or those with these `names`.
+        The name is that of a column of a table, or of a field of a part of an answer; without
+        a heading its words stand there, with the unit that is shown. Rows of several parts are
+        tuples of these. A form is the SI unit, a format, or one of `FORMS`. Cells of `own` names
+        are made by a function of the row. Without `columns` there are all of them.
 
         >>> from stochvi.results.base import CoordinateResponse
         >>> motion = CoordinateResponse(velocity_std=Estimate(value=2.0, standard_error=0.1))
-        >>> found = Grid.stated("motion", [(motion,)])[0].known()
+        >>> columns = "of = name; velocity_std; n = twice {.1f}; displacement_mean"
+        >>> (found,) = Grid.of("motion", [("x", motion)], columns, twice=lambda *_: 2.0)
         >>> found.headings, found.rows
-        (['rms velocity (m/s)'], [['2.00 ± 0.20']])
+        (['of', 'rms velocity (m/s)', 'n'], [['x', '2.00 ± 0.20', '2.0']])
         """
-        columns: dict[str, Callable[..., object]] = {}
-        for number, part in enumerate(rows[0] if rows else ()):
-            kind: Any = type(part)
-            stated = quantities_of(kind)
-            for name in names or stated:
-                known = stated[name]
-                quantity = USUALLY.get(known.unit) or shown_as(known.unit)
-                cell = partial(_part_of_row, number, name, quantity)
-                columns[quantity.heading(known.words)] = cell
-        return cls.by(caption, columns, rows, words)
+        known = [each if type(each) is tuple else (each,) for each in _listed(rows)]
+        if not known:
+            return []
+        described = columns.split(";") if isinstance(columns, str) else columns
+        described = described if columns else [("", name, "") for name in _names_in(known[0])]
+        found = [_column(each, known[0], own) for each in described]
+        cells = [[cell(row) for row in known] for _, cell in found]
+        kept = [k for k, column in enumerate(cells) if {*column} != {NO_VALUE}]
+        return [
+            cls(
+                caption=caption, headings=[found[k][0] for k in kept], words=words, alarms=alarms,
+                rows=[list(row) for row in zip(*(cells[k] for k in kept), strict=True)],
+            )
+        ]  # fmt: skip
 
     @classmethod
     def across(cls, caption: str, corner: str, cells: Mapping[tuple[str, str], str]) -> list[Self]:
@@ -138,45 +129,80 @@ class Grid:
         ]
         return [cls(caption=caption, headings=[corner, *headings], rows=rows)] if rows else []
 
-    def known(self) -> Self:
-        """The table without the columns in which nothing is known."""
-        kept = [k for k in range(len(self.headings)) if {row[k] for row in self.rows} != {NO_VALUE}]
-        return replace(
-            self,
-            headings=[self.headings[k] for k in kept],
-            rows=[[row[k] for k in kept] for row in self.rows],
-        )
+
+COLUMN = re.compile(r"(?:(.*?) = )?(\S+)(?: \{(.*)\})?")
+
+FORMS: dict[str, Callable[[Any], str]] = {
+    "likely": lambda risk: chance_in_words(risk) if risk else "0",
+    "mission": spoken_mission, "count": count_of, "way": way_in_words,
+    "percent": lambda share: f"{100.0 * share:.3g} %", "length": lambda x: four_digits(LENGTH(x)),
+}  # fmt: skip
+"""How tables write some numbers, by the name of the form."""
+
+SHOWN = {
+    "": NUMBER, "1": NUMBER, "length": LENGTH, "1/h": HOURLY, "ms": MILLISECONDS,
+    "(m/s^2)^2/Hz": DENSITY, "%": PERCENT,
+}  # fmt: skip
+"""Quantities that tables show in other units than `readable` does, by SI units and by forms."""
+
+Column = tuple[str, str, str]
+"""A column of a table: heading, name and form, or empty."""
 
 
-def records(table: Any, name: str = "") -> list[tuple[dict[str, Any]]]:
-    """The rows of a table, or of that in a field of an answer, for `Grid.by`."""
-    return [(row,) for row in rows_of(table, name)]
+def _listed(rows: Any) -> list[Any]:
+    """The rows of a table, or parts of an answer."""
+    return rows_of(rows) if hasattr(rows, "iloc") else [*rows]
 
 
-USUALLY = {"": NUMBER, "1": NUMBER, "m": LENGTH, "m/s^2": ACCELERATION}
-"""How tables of parts of answers show units, others in the SI unless one is chosen."""
+def _names_in(row: tuple[Any, ...]) -> list[str]:
+    """Names of all columns of a row: stated fields of parts, or those of a table."""
+    return [str(name) for part in row for name in _stated(part) or part]
 
 
-def _part_of_row(number: int, name: str, quantity: ShownQuantity, *row: Any) -> object:
-    """The cell of a stated field of one of the parts of a row."""
-    value = getattr(row[number], name)
-    if isinstance(value, Estimate):
-        return plus_minus(value, quantity)
-    return quantity(value) if isinstance(value, float) else value
+def _stated(part: Any) -> Mapping[str, Stated]:
+    """The stated fields of a part of an answer; none of what is no such part."""
+    kind: Any = part.__class__
+    return quantities_of(kind) if is_dataclass(part) else {}
 
 
-def _cell(value: object, form: str) -> str:
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return NO_VALUE
-    return format(value, form) if isinstance(value, float) else str(value)
+def _column(
+    described: str | Column, first: tuple[Any, ...], own: Mapping[str, Callable[..., object]]
+) -> tuple[str, Callable[[tuple[Any, ...]], str]]:
+    """The heading of a column, and what makes its cell of a row, as the `first` row knows it."""
+    if isinstance(described, str):
+        match = COLUMN.fullmatch(" ".join(described.split()))
+        assert match is not None, described
+        described = match.group(1) or "", match[2], match[3] or ""
+    heading, name, form = described
+    stated = next((each for part in first if (each := _stated(part).get(name))), None)
+    stated = stated or Stated(name.replace("_", " "), unit_of_column(name) or "")
+    digits = next((word for word in form.split() if word[0] in "#+."), ".4g")
+    unit = form.replace(digits, "").strip() or ("" if name in own else stated.unit)
+    quantity = SHOWN.get(unit) or (NUMBER if unit in FORMS else readable(unit))
+
+    def cell(row: tuple[Any, ...]) -> str:
+        value = own[name](*row) if name in own else _found(row, name)
+        if value is None or (isinstance(value, float) and math.isnan(value)):
+            return NO_VALUE
+        if unit in FORMS and isinstance(value, str) == (unit == "way"):
+            return FORMS[unit](value)
+        if isinstance(value, Estimate):
+            return plus_minus(value, quantity)
+        return format(quantity(value), digits) if isinstance(value, float) else str(value)
+
+    return quantity.heading(heading or stated.words), cell
 
 
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return cell == NO_VALUE
-    return True
+def _found(row: tuple[Any, ...], name: str) -> Any:
+    """What a name stands for in a row: the name of a part, a column, or a field of a part."""
+    for part in row:
+        if isinstance(part, Mapping) and name in part:
+            return part[name]
+        if isinstance(part, str) and name == "name":
+            return part
+        if hasattr(part, name):
+            return getattr(part, name)
+    raise AttributeError(f"no part of a row has {name}")
 
 
 def sentence(text: str) -> str:
@@ -446,12 +472,3 @@ def _tied(value: object) -> object:
     """Text with blanks that keep a number and its unit on one line; other values as they are."""
     plain = isinstance(value, str) and not hasattr(value, "__html__")
     return BEFORE_UNIT.sub("\u00a0", str(value)) if plain else value
-
-
-def write_page(page: Page, document: Mapping[str, Any], name: str, folder: Path) -> Path:
-    """Write `report.html`, and beside it the document that holds its numbers, with the origin of
-    the page under "report"; returns the path of the page."""
-    found = {**document, "report": plain(page.origin)}
-    write_text(to_json(found) + "\n", folder / f"{name}.json")
-    write_report_page(page.html(), folder / "report.html")
-    return folder / "report.html"

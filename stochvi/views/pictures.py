@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -19,8 +19,10 @@ from stochvi.mathematics.units import (
     ShownQuantity,
     shown_as,
 )
-from stochvi.results.base import ROTATIONS, DataFrame, unit_of
+from stochvi.results.base import ROTATIONS, DataFrame, plain, unit_of
 from stochvi.results.errors import StochviError
+from stochvi.results.estimates import plus_minus
+from stochvi.results.files import origin_of
 from stochvi.views.axes import (
     BAND_ALPHA,
     COLOURS,
@@ -33,16 +35,13 @@ from stochvi.views.axes import (
     listed,
     owner_colours,
 )
+from stochvi.views.files import to_json, write_report_page, write_text
 from stochvi.views.pages import Grid, Told, told_of
 from stochvi.views.sizing import plot_pairs_risk, plot_risk
 from stochvi.views.tables import (
     NEGLIGIBLE,
     QUANTITY_NAMES,
     effects_in_words,
-    relative_bias,
-    relative_error,
-    relative_half_width,
-    value_with_error,
 )
 
 if TYPE_CHECKING:
@@ -53,6 +52,7 @@ if TYPE_CHECKING:
     from stochvi.methods.fokker_planck.transients import Transient
     from stochvi.methods.replay.recorded_motion import Replay
     from stochvi.results.base import PairResponse, Response, Result
+    from stochvi.results.files import Origin
     from stochvi.statistics.densities import AveragedBins, BandedDensity
     from stochvi.statistics.histories import History
     from stochvi.verification.check import Check, Checks, Explanation
@@ -71,8 +71,7 @@ def plot(found: Result, ax: Axes | None = None, style: str = "screen") -> Axes:
 
     Where a figure has several panels, `ax` gets the first of them.
     """
-    draw = function_of(view_of(found).plot)
-    return in_style(style, lambda: draw(found, ax), ax)
+    return in_style(style, lambda: view_of(found).plots(found, ax), ax)
 
 
 def response_told(response: Response) -> Told:
@@ -80,29 +79,20 @@ def response_told(response: Response) -> Told:
     estimates = response.estimates()
     # means are compared to the smallest standard deviation of a coordinate
     spreads = [each.value for (_, name), each in estimates.items() if name == "displacement_std"]
+    least = NEGLIGIBLE * min(spreads, default=0.0)
     rows = []
     for (owner, name), estimate in estimates.items():
         quantity = shown_as(unit_of(owner, name))
-        mean = name == "displacement_mean"
-        scale = quantity(min(spreads)) if mean and spreads else 0.0
-        if abs(quantity(estimate).value) < NEGLIGIBLE * scale:  # nothing is relative to 0
-            estimate = replace(estimate, value=0.0)
-        row = [
-            owner, QUANTITY_NAMES.get(name, name),
-            value_with_error(quantity(estimate), scale, with_bias=False), str(quantity),
-            relative_error(estimate.standard_error, estimate),
-            "unknown" if estimate.bias is None else relative_bias(estimate),
-            relative_half_width(estimate),
-        ]  # fmt: skip
-        rows.append(row)
-    table = Grid(
-        caption=response.method,
-        headings=["of", "quantity", "value", "unit", "rel. error", "rel. bias", "95 % within"],
-        rows=rows,
-        words=("of", "quantity", "unit"),
-    )
+        vanishes = name == "displacement_mean" and abs(estimate.value) < least
+        words = "0" if vanishes else plus_minus(estimate, quantity, 7)
+        row = {"of": owner, "quantity": QUANTITY_NAMES.get(name, name), "value": words}
+        # that of a number that was not sampled is its interval
+        sampled = estimate.standard_error > 0.0 or estimate.bias is None
+        bias = quantity(estimate).bias_in_words.removeprefix(", bias ") * sampled
+        rows.append(row | {"unit": str(quantity), "bias": None if vanishes else bias or None})
+    table = Grid.of(response.method, rows, words=("of", "quantity", "unit", "bias"))
     balances = ", ".join(
-        f"{name} {value_with_error(each) if each.standard_error else f'{each.value:.0e}'}"
+        f"{name} {plus_minus(each) if each.standard_error else f'{each.value:.0e}'}"
         for name, each in response.identities.items()
     )
     notes = [f"{NO_BOUND}{reason}" for reason in _without_bound(response)]
@@ -117,7 +107,7 @@ def response_told(response: Response) -> Told:
         )
     if cost.tenfold_wall_time is not None:
         price += f"; a tenth of the errors: about {cost.tenfold_wall_time:.2g} s"
-    return told_of(response, [table], notes, verdict="", footer=[price])
+    return told_of(response, table, notes, verdict="", footer=[price])
 
 
 NO_BOUND = "no error bound: "
@@ -170,7 +160,7 @@ def plot_response(found: Response, ax: Axes | None = None) -> Axes:
         ends = centre - float(std), centre + float(std)
         own.bar(row, *ends, "mean and one standard deviation", height=0.3, alpha=0.35)
         own.across(row, centre, None, None)
-        spread = f"{value_with_error(unit(std))} {unit}"
+        spread = f"{plus_minus(std, unit)} {unit}"
         own.note(spread, centre, row - 0.16, (0.0, 1.0), ha="center", va="bottom")
         for pair in _pairs_on(found, name):
             _draw_stops_of(chart, row, pair, found.impact_pairs.get(pair.get("name", "stops")))
@@ -212,7 +202,7 @@ def _of_motion(found: Response, name: str, pair: str, length: ShownQuantity) -> 
         std = found.coordinates[name].displacement_std
     words = [] if std is None else [f"std {length.text(float(std))}"]
     if hits is not None and hits.collision_rate is not None:
-        words.append(f"{value_with_error(hits.collision_rate)} impacts/s")
+        words.append(f"{plus_minus(hits.collision_rate)} impacts/s")
     return words
 
 
@@ -227,7 +217,7 @@ def _draw_stops_of(
         chart.stop(row, pair[side])
         rate = getattr(hits, f"collision_rate_{side}", None)
         speed = hits.impact_speed_mean if hits is not None else None
-        words = [] if rate is None else [value_with_error(rate), "impacts/s"]
+        words = [] if rate is None else [plus_minus(rate), "impacts/s"]
         words += [] if speed is None or rate is None else [f"mean {float(speed):.2g} m/s"]
         chart.note(
             "\n".join(words), pair[side], row, (shift, 0.0), ha=align, va="center",
@@ -347,8 +337,8 @@ def plot_replay(found: Replay, ax: Axes | None = None) -> Axes:
     clearances."""
     single = found.only
     if single is None or single.histories is None:
-        return function_of("verification:plot_clearances")(found, ax)  # type: ignore[no-any-return]
-    return function_of("verification:plot_history")(single, ax)  # type: ignore[no-any-return]
+        return function_of("verification", "plot_clearances")(found, ax)  # type: ignore[no-any-return]
+    return function_of("verification", "plot_history")(single, ax)  # type: ignore[no-any-return]
 
 
 def plot_jolts(found: Jolts, ax: Axes | None = None) -> Axes:
@@ -366,27 +356,30 @@ def plot_sizing(sizing: Sizing, ax: Axes | None = None) -> Axes:
 
 
 class View(NamedTuple):
-    """How an answer of a class is shown, by names of functions of this room as "file:name".
-
-    They are imported when they are needed.
+    """How an answer of a class is shown: by `NAME_told` and `plot_NAME` of a file of this room, or
+    of this file. They are imported when they are needed.
     """
 
-    plot: str
-    """The picture that `plot` draws, of the answer and Axes or None."""
-    told: str = ""
-    """What describes it; empty for an answer of no command."""
+    room: str
+    name: str
     file: str = ""
     """Name of its table and picture in a folder, without their endings; empty for neither."""
     drawn: str | None = ""
     """The picture in a folder, where it is another one; None for no picture."""
     titled: bool = False
     """Whether that picture bears the title of the scene."""
+    page: str = ""
+    """What makes its page, of the answer, an origin and what stands beside it."""
+    numbers: str = ""
+    """Name of the JSON document beside the page."""
+    beside: str = ""
+    """What writes other files of its page, of the answer, a folder and what stands beside it."""
+    plot: str = ""
+    """The picture that `plot` draws of the answer and Axes or None, where it has another name."""
     has_picture: Callable[[Any], bool] = lambda found: True
     """Whether this answer has something to draw."""
     tables: Callable[[Any], dict[str, DataFrame]] = lambda found: {}
     """Other tables by their files."""
-    report: str = ""
-    """What writes its page, of the answer, a folder, an origin and what stands beside it."""
 
     def files(self, found: Any) -> dict[str, DataFrame]:
         """All tables of an answer by their files."""
@@ -394,12 +387,18 @@ class View(NamedTuple):
 
     def tell(self, found: Any, **words: Any) -> Told:
         """The description of an answer; `words` are for it alone."""
-        told: Told = function_of(self.told)(found, **words)
+        told: Told = function_of(self.room, f"{self.name}_told")(found, **words)
         return told
+
+    @property
+    def plots(self) -> Callable[..., Axes]:
+        """What draws an answer, in Axes or None."""
+        drawn: Callable[..., Axes] = function_of(self.room, self.plot or f"plot_{self.name}")
+        return drawn
 
     def draw(self, found: Any, title: str) -> Axes:
         """The picture of an answer in a folder, under the title of its scene."""
-        drawn: Axes = function_of(self.drawn or self.plot)(found)
+        drawn: Axes = (function_of(self.room, self.drawn) if self.drawn else self.plots)(found)
         return add_title(drawn, title) if self.titled else drawn
 
 
@@ -411,128 +410,123 @@ def view_of(found: Any) -> View:
     raise NotImplementedError(f"there is no picture of {type(found).__name__}; use to_frame()")
 
 
-def function_of(place: str) -> Any:
-    """The function of this room that "file:name" names."""
-    file, _, name = place.partition(":")
-    return getattr(import_module(f"stochvi.views.{file}"), name)
+def function_of(room: str, name: str) -> Any:
+    """The function of this name in a file of the views, which the name may state, or in this."""
+    file, _, name = name.rpartition(":")
+    found = getattr(import_module(f"stochvi.views.{file or room}"), name, None)
+    return globals()[name] if found is None else found
+
+
+DOCUMENTED = ("record", "production", "sensitivity")
+"""What stands beside an answer on its page, and in the document of the page, too."""
+
+
+def write_report(
+    found: Result, folder: str | Path, origin: Origin | None = None, **beside: Any
+) -> Path:
+    """Write `report.html`, its numbers in a JSON document, and other files of its page; returns the
+    path of the page.
+
+    The page needs no other file: pictures and style are embedded, and nothing is fetched.
+
+    Parameters
+    ----------
+    found
+        An answer that has a page.
+    folder
+        Folder for the files; it is made if it is missing.
+    origin
+        When, how and from what the page was made; by default a call from Python.
+    **beside
+        What stands beside the answer: the `review` of one mass, `sensitivity`, `production`,
+        `record`, the `scene` and where it hangs (`hung`).
+    """
+    view, folder = view_of(found), Path(folder)
+    if view.beside:
+        function_of(view.room, view.beside)(found, folder, **beside)
+    page = function_of(view.room, view.page)(
+        found, origin=origin or origin_of(found.provenance), **beside
+    )
+    document = (beside.get("review") or found).to_dict()
+    document |= {n: plain(beside[n]) for n in DOCUMENTED if beside.get(n) is not None}
+    document["report"] = plain(page.origin)
+    write_text(to_json(document) + "\n", folder / f"{view.numbers}.json")
+    write_report_page(page.html(), folder / "report.html")
+    return folder / "report.html"
 
 
 VIEWS = {
     "AbsorberReport": View(
-        "absorbers:draw_levels",
-        "absorbers:absorber_told",
-        "absorber",
-        report="absorbers:write_absorber_report",
+        "absorbers", "absorber", "absorber", page="performance_page", numbers="absorber"
     ),
     "AbsorberSine": View(
-        "absorbers:plot_absorber_sine",
-        "absorbers:absorber_sine_told",
-        "absorber-sine",
-        report="absorbers:write_absorber_report",
+        "absorbers", "absorber_sine", "absorber-sine", page="sine_page", numbers="absorber"
     ),
-    "Basins": View("sine:plot_basins", "sine:basins_told", "basins"),
-    "Bifurcation": View("sine:draw_bifurcation", "sine:bifurcation_told", "bifurcation"),
-    "BumperMap": View(
-        "statistics:plot_bumper_map",
-        "statistics:bumper_map_told",
-        "map",
-        titled=True,
-    ),
-    "Check": View("pictures:plot_check", "verification:check_told", "check", None),
-    "Checks": View("pictures:plot_checks", "verification:checks_told", "check", None),
+    "Basins": View("sine", "basins", "basins"),
+    "Bifurcation": View("sine", "bifurcation", "bifurcation"),
+    "BumperMap": View("statistics", "bumper_map", "map", titled=True),
+    "Check": View("verification", "check", "check", None),
+    "Checks": View("verification", "checks", "check", None),
     "Damage": View(
-        "statistics:plot_damage",
-        "statistics:damage_told",
-        "damage",
-        titled=True,
+        "statistics", "damage", "damage", titled=True,
         tables=lambda found: {} if found.test is None else {"profile": found.test.to_frame()},
     ),
     "DamageSizing": View(
-        "sizing:plot_damage_sizing",
-        "isolator_tables:damage_sizing_told",
-        "damage",
-        report="report.missions:write_clearance_report",
+        "isolator_tables", "damage_sizing", "damage", page="report.missions:clearance_page",
+        numbers="size", plot="sizing:plot_damage_sizing",
     ),
     "Design": View(
-        "absorbers:draw_design",
-        "absorbers:design_told",
-        "absorber-design",
+        "absorbers", "design", "absorber-design", page="design_page", numbers="absorber",
         tables=lambda found: {"absorber-design": found.curve},
-        report="absorbers:write_absorber_report",
     ),
-    "Explanation": View(
-        "pictures:plot_explanation", "verification:explanation_told", "methods", None
-    ),
-    "FirstPassage": View(
-        "density:plot_first_passage", "density:first_passage_told", "first_passage", None
-    ),
-    "HarmonicResponse": View("sine:plot_sine", "sine:sine_told", "sine"),
+    "Explanation": View("verification", "explanation", "methods", None),
+    "FirstPassage": View("density", "first_passage", "first_passage", None),
+    "HarmonicResponse": View("sine", "sine", "sine"),
     "History": View(
-        "pictures:plot_motion",
-        "density:history_told",
-        "history",
-        None,
+        "density", "history", "history", None, plot="plot_motion",
         tables=lambda found: {"impacts": found.impacts},
     ),
     "Identification": View(
-        "verification:plot_identification",
-        "verification:identification_told",
-        "identify",
-        tables=lambda found: {"curve": found.curve},
+        "verification", "identification", "identify", tables=lambda found: {"curve": found.curve}
     ),
     "ImpactStatistics": View(
-        "statistics:plot_impacts",
-        "statistics:impacts_told",
-        "impacts",
-        titled=True,
+        "statistics", "impacts", "impacts", titled=True,
         tables=lambda found: {"histograms": found.histograms()},
         has_picture=lambda found: any(pair.speeds is not None for pair in found.pairs.values()),
     ),
-    "Jolts": View("pictures:plot_jolts", "isolator_tables:jolts_told", "jolts", None),
-    "Judgement": View("pictures:plot_judgement", "verification:judgement_told", "judge", None),
-    "LifeTimes": View("sine:plot_lifetimes", "sine:lifetimes_told", "lifetimes"),
+    "Jolts": View("isolator_tables", "jolts", "jolts", None),
+    "Judgement": View("verification", "judgement", "judge", None),
+    "LifeTimes": View("sine", "lifetimes", "lifetimes"),
     "MissionSizing": View(
-        "sizing:plot_mission_sizing",
-        "isolator_tables:clearance_told",
-        "phases",
-        report="report.missions:write_clearance_report",
+        "isolator_tables", "clearance", "phases", page="report.missions:clearance_page",
+        numbers="size", plot="sizing:plot_mission_sizing",
     ),
-    "Production": View("sizing:plot_production", "isolator_tables:production_told"),
+    "Production": View("isolator_tables", "production", plot="sizing:plot_production"),
     "Reliability": View(
-        "statistics:plot_chances",
-        "statistics:reliability_told",
-        "reliability",
-        None,
-        report="report.missions:write_reliability_report",
+        "statistics", "reliability", "reliability", None, plot="plot_chances",
+        page="report.missions:reliability_page", numbers="reliability",
     ),
     "Replay": View(
-        "pictures:plot_replay",
-        "verification:replay_told",
-        "replay",
-        "verification:draw_replay",
-        titled=True,
+        "verification", "replay", "replay", "draw_replay", titled=True,
+        page="report.missions:replay_page", numbers="replay",
         has_picture=lambda found: found.only is None or found.histories is not None,
         tables=lambda found: (
             {"impacts": found.impacts}
             | ({} if found.histories is None else {"histories": found.histories.to_frame()})
         ),
-        report="report.missions:write_replay_report",
     ),
-    "Response": View("pictures:plot_response", "pictures:response_told", "response", None),
-    "ResponseSpectrum": View(
-        "statistics:plot_spectrum", "statistics:spectrum_told", "spectrum", titled=True
-    ),
+    "Response": View("pictures", "response", "response", None),
+    "ResponseSpectrum": View("statistics", "spectrum", "spectrum", titled=True),
     "Screening": View(
-        "sizing:plot_screening",
-        "isolator_tables:screening_told",
-        "screening",
+        "isolator_tables", "screening", "screening", plot="sizing:plot_screening",
         has_picture=lambda found: bool(found.impact_pairs),
     ),
     "Sizing": View(
-        "pictures:plot_sizing", "isolator_tables:sizing_told", report="report.sizing:write_report"
+        "isolator_tables", "sizing", page="report.sizing:sizing_page", numbers="size",
+        beside="report.sizing:write_sizing_files",
     ),
-    "Stability": View("sine:plot_stability", "sine:stability_told", "stability"),
-    "Transient": View("pictures:plot_transient"),
-    "WorkPrecision": View("verification:plot_cost", "verification:cost_told", "cost", titled=True),
-}
+    "Stability": View("sine", "stability", "stability"),
+    "Transient": View("pictures", "transient"),
+    "WorkPrecision": View("verification", "cost", "cost", titled=True),
+}  # fmt: skip
 """How each kind of answer is shown, by the name of its class: views do not import answers."""

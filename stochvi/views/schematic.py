@@ -11,7 +11,7 @@ import numpy as np
 
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import LENGTH, ShownQuantity
-from stochvi.results.base import DataFrame, rows_of
+from stochvi.results.base import DataFrame
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.scenes.structures.modes import Span
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody
@@ -25,12 +25,12 @@ from stochvi.views.axes import (
     axes_or_new,
     length_of,
 )
-from stochvi.views.tables import chance_in_words, four_digits
+from stochvi.views.tables import four_digits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from stochvi.isolators.sizing.answer import BoxOverview, Sizing
+    from stochvi.isolators.sizing.answer import Sizing
     from stochvi.methods.replay.recorded_motion import Histories, ReplayAt
     from stochvi.results.base import Response
     from stochvi.scenes.scene import ImpactPair, Scene
@@ -44,37 +44,6 @@ if TYPE_CHECKING:
 
 SMALLEST_CHANCE = 1e-6
 """Probability of an impact below which all snubbers have the same colour."""
-
-
-def modes_in_rows(box: BoxOverview) -> list[dict[str, Any]]:
-    """A row per mode: frequency, damping, and the mass that it moves along each axis."""
-    return [
-        {
-            "mode": number,
-            "Hz": four_digits(mode.frequency_hz),
-            "zeta": f"{mode.damping_ratio or 0.0:.3g}",
-            **{f"kg along {a}": f"{mode.effective_mass[a]:.3g}" for a in mode.effective_mass},
-            "motion": mode.motion,
-        }
-        for number, mode in enumerate(box.modes, start=1)
-    ]
-
-
-def one_axis_in_rows(sizing: Sizing) -> list[dict[str, Any]]:
-    """A row per pair: its clearance, and what three sigma of one oscillator would buy there."""
-    assert sizing.box is not None
-    return [
-        {
-            "pair": row["pair"],
-            f"clearance ({LENGTH})": four_digits(LENGTH(sizing.clearances[row["pair"]].value))
-            if row["pair"] in sizing.clearances
-            else "fixed",
-            f"3 sigma of one axis ({LENGTH})": four_digits(LENGTH(row["one_axis_three_sigma"])),
-            "hit there": chance_in_words(row["chance_at_one_axis"]),
-            "hit as the scene stands": chance_in_words(row["chance_as_given"]),
-        }
-        for row in rows_of(sizing.box, "pairs")
-    ]
 
 
 def plot_box(sizing: Sizing) -> Axes:

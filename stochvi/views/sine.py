@@ -24,7 +24,7 @@ from stochvi.views.axes import (
     listed,
     panels,
 )
-from stochvi.views.pages import Grid, Told, records, told_of
+from stochvi.views.pages import Grid, Told, told_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,41 +62,37 @@ def sine_told(found: HarmonicResponse) -> Told:
         (number, each, each.admissible | (not each.admissible.any()))
         for number, each in enumerate(found.branches)
     ]
-    regimes = {
-        "branch": lambda number, *_: number,
-        "form": lambda _, branch, at: branch.form,
-        "impacts": lambda _, branch, at: _struck(branch),
-        "periods": lambda _, branch, at: branch.periods,
-        "from": lambda _, branch, at: branch.value[at].min(),
-        "to": lambda _, branch, at: branch.value[at].max(),
-        "stable": lambda _, branch, at: _range(branch.value[at & branch.stable]),
-        f"displacement ({LENGTH})": lambda _, branch, at: LENGTH(branch.displacement_max[at].max()),
-        f"impact speed ({SPEED})": lambda _, branch, at: SPEED(
-            branch.impact_speed[at].max(initial=0.0)
-        ),
-        f"acceleration ({SI_ACCELERATION})": lambda _, branch, at: SI_ACCELERATION(
-            branch.acceleration_max[at].max()
-        ),
-    }
-    jumps = {
-        "sweep": lambda jump: "up" if jump.upwards else "down",
-        name: lambda jump: jump.value,
-        f"displacement before ({LENGTH})": lambda jump: LENGTH(jump.displacement_max[0]),
-        f"after ({LENGTH})": lambda jump: LENGTH(jump.displacement_max[1]),
-        f"impact speed before ({SPEED})": lambda jump: SPEED(jump.impact_speed[0]),
-        f"after ({SPEED})": lambda jump: SPEED(jump.impact_speed[1]),
-    }
-    points = {
-        "what": lambda point: point.name,
-        name: lambda point: f"{point.value:.7g}",
-        "branch": lambda point: point.branch,
-    }
+    regimes = [
+        {
+            "branch": number, "form": branch.form, "impacts": _struck(branch),
+            "periods": branch.periods, "from": branch.value[at].min(),
+            "to": branch.value[at].max(), "stable": _range(branch.value[at & branch.stable]),
+            "displacement": branch.displacement_max[at].max(),
+            "impact_speed": branch.impact_speed[at].max(initial=0.0),
+            f"acceleration ({SI_ACCELERATION})": SI_ACCELERATION(branch.acceleration_max[at].max()),
+        }
+        for number, branch, at in branches
+    ]  # fmt: skip
+    jumps = [
+        {"sweep": "up" if jump.upwards else "down", name: jump.value}
+        | dict(zip(("before", "after"), jump.displacement_max, strict=True))
+        | dict(zip(("speed_before", "speed_after"), jump.impact_speed, strict=True))
+        for jump in found.jumps
+    ]
+    after = (
+        ("displacement before", "before", "m"), ("after", "after", "m"),
+        ("impact speed before", "speed_before", "m/s"), ("after", "speed_after", "m/s"),
+    )  # fmt: skip
     return told_of(
         found,
         [
-            *Grid.by(f"regimes over {name}", regimes, branches, ("form", "impacts", "stable")),
-            *Grid.by("jumps of a slow sweep", jumps, [(each,) for each in found.jumps]),
-            *Grid.by("special points", points, [(each,) for each in found.special_points]),
+            *Grid.of(f"regimes over {name}", regimes, words=("form", "impacts", "stable")),
+            *Grid.of("jumps of a slow sweep", jumps, ["sweep", (name, name, "1"), *after]),
+            *Grid.of(
+                "special points",
+                found.special_points,
+                ["what = name", (name, "value", "1 .7g"), "branch"],
+            ),
         ],
         [
             "stable: largest and smallest value at which small perturbations die away",
@@ -236,30 +232,25 @@ MOST_PRINTED = 40
 
 def basins_told(found: Basins) -> Told:
     """Which motions are reached, and by what share of the starts."""
-    regimes = [(each,) for each in found.regimes]
-    return told_of(found, Grid.stated("motions that starts end in", regimes, 2))
+    return told_of(found, Grid.of("motions that starts end in", found.regimes, words=2))
 
 
 def bifurcation_told(found: Bifurcation) -> Told:
     """The motion at some of the values."""
     table = found.table()
     chosen = np.unique(np.linspace(0, len(table) - 1, min(MOST_PRINTED, len(table))).astype(int))
-    columns = {
-        "sweep": lambda row: row["sweep"],
-        found.key: lambda row: row["value"],
-        "periods (0: none)": lambda row: row["periods"],
-        "impacts per period": lambda row: row["impacts per period"],
-        f"impact speed ({SPEED})": lambda row: SPEED(row["impact_speed_max"]),
-        f"Lyapunov exponent ({RATE})": lambda row: RATE(row["lyapunov"]),
-        "standard error": lambda row: RATE(row["lyapunov_error"]),
-    }
-    return told_of(found, Grid.by("motions of a slow sweep", columns, records(table.iloc[chosen])))
+    columns = (
+        "sweep", (found.key, "value", "1"), "periods (0: none) = periods",
+        ("impacts per period", "impacts per period", "1"), "impact speed = impact_speed_max",
+        "Lyapunov exponent = lyapunov", ("standard error", "lyapunov_error", "1/s"),
+    )  # fmt: skip
+    return told_of(found, Grid.of("motions of a slow sweep", table.iloc[chosen], columns))
 
 
 def lifetimes_told(found: LifeTimes) -> Told:
     """How long each regime lasts, and where paths go."""
     words = ("regime", "they go to")
-    return told_of(found, Grid.stated("regimes in noise", found.departures, words))
+    return told_of(found, Grid.of("regimes in noise", found.departures, words=words))
 
 
 def plot_lifetimes(found: LifeTimes, ax: Axes | None = None) -> Axes:
@@ -340,7 +331,7 @@ def _mark(found: Basins, chart: Chart) -> list[Line2D]:
     return marks
 
 
-def draw_bifurcation(found: Bifurcation, ax: Axes | None = None) -> Axes:
+def plot_bifurcation(found: Bifurcation, ax: Axes | None = None) -> Axes:
     """Draw impact speeds over the varied number, and the Lyapunov exponent below them."""
     draw = [partial(each, found) for each in (_draw_speeds, _draw_exponents)]
     return panels(ax, draw, DIAGRAM_SIZE, height_ratios=(2, 1))
@@ -387,15 +378,15 @@ def _distinct(speeds: np.ndarray) -> np.ndarray:
 
 def stability_told(found: Stability) -> Told:
     """How fast what grows."""
-    columns = {
-        "growth of": lambda name, _: words_of_rate(found, name),
-        f"rate ({RATE})": lambda _, each: RATE(each.value),
-        "error": lambda _, each: RATE(each.standard_error),
-        "bias": lambda _, each: RATE(each.bias),
-        "from": lambda _, each: each.how,
-    }
-    caption, words = "growth without stops; below 0 it decays", ("growth of", "from")
-    return told_of(found, Grid.by(caption, columns, found.rates.items(), words))
+    table = Grid.of(
+        "growth without stops; below 0 it decays",
+        found.rates.items(),
+        "growth of = words_of; rate = value {1/s}; error = standard_error {1/s}; bias {1/s}; "
+        "from = how",
+        ("growth of", "from"),
+        words_of=lambda name, _: words_of_rate(found, name),
+    )
+    return told_of(found, table)
 
 
 def words_of_rate(found: Stability, name: str) -> str:

@@ -7,7 +7,7 @@ import re
 import textwrap
 from functools import partial
 from itertools import chain, product
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -25,16 +25,18 @@ from stochvi.mathematics.units import (
     TIME,
     ShownQuantity,
     Size,
-    readable,
     spoken_mission,
 )
-from stochvi.results.base import ROTATIONS, unit_of_limit
+from stochvi.results.base import (
+    ROTATIONS,
+    estimate_of,
+    in_chosen_units,
+    rows_of,
+)
 from stochvi.results.estimates import (
-    NEAR_ONE,
     Estimate,
     capital,
-    count_of,
-    over_percent,
+    chance_of,
     plus_minus,
     spoken_percent,
 )
@@ -61,17 +63,16 @@ from stochvi.views.pages import (
     shown,
     told_of,
 )
-from stochvi.views.tables import UNKNOWN, value_with_error, way_in_words
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
     from matplotlib.axes import Axes
 
     from stochvi.isolators.bumpers import BumperMap
     from stochvi.statistics.damage import Damage, SpectrumValues, TailoredTest
     from stochvi.statistics.impacts import Histogram, ImpactStatistics
-    from stochvi.statistics.reliability import Chance, Reliability
+    from stochvi.statistics.reliability import Reliability
     from stochvi.statistics.spectra import Curve, ResponseSpectrum
 
 
@@ -245,9 +246,9 @@ def damage_told(found: Damage) -> Told:
     """The spectra at some frequencies, the impacts, and the test of the same damage."""
     spectra, without, shocks = found.with_stops, found.without_stops, found.shocks
     shown = {
-        f"rms ({ACCELERATION})": _each(spectra.response_rms, ACCELERATION),
-        f"largest ({ACCELERATION})": _each(spectra.extreme_response, ACCELERATION),
-        "damage": _each(spectra.fatigue_damage),
+        f"rms ({ACCELERATION})": (spectra.response_rms, ACCELERATION),
+        f"largest ({ACCELERATION})": (spectra.extreme_response, ACCELERATION),
+        "damage": (spectra.fatigue_damage, NUMBER),
     }
     if (
         without is not None
@@ -256,29 +257,32 @@ def damage_told(found: Damage) -> Told:
         and not found.unseen
     ):
         shown |= {
-            f"rms, no stops ({ACCELERATION})": _each(without.response_rms, ACCELERATION),
-            f"largest, no stops ({ACCELERATION})": _each(without.extreme_response, ACCELERATION),
-            "times the damage": _each(found.damage_ratio),
+            f"rms, no stops ({ACCELERATION})": (without.response_rms, ACCELERATION),
+            f"largest, no stops ({ACCELERATION})": (without.extreme_response, ACCELERATION),
+            "times the damage": (found.damage_ratio, NUMBER),
         }
-    shown[f"equivalent ({DENSITY})"] = _each(found.equivalent_density, DENSITY)
-    if shocks is not None:
-        shown |= {
-            f"typical impact ({ACCELERATION})": lambda k: f"{ACCELERATION(shocks.typical[k]):.3g}",
-            f"worst of 100 ({ACCELERATION})": lambda k: f"{ACCELERATION(shocks.worst[k]):.3g}",
-        }
+    shown[f"equivalent ({DENSITY})"] = (found.equivalent_density, DENSITY)
+    of_impacts = {} if shocks is None else {
+        f"typical impact ({ACCELERATION})": ACCELERATION(shocks.typical),
+        f"worst of 100 ({ACCELERATION})": ACCELERATION(shocks.worst),
+    }  # fmt: skip
     title = (
         f"equipment at {found.at}, Q = {found.quality:g}, b = {found.exponent:g}, in a mission of "
         f"{spoken_mission(found.mission)}"
     )
-    hertz: dict[str, Callable[[int], object]] = {"Hz": lambda k: found.equipment_frequency_hz[k]}
-    rows = [(k,) for k in _spread(len(found.equipment_frequency_hz), ROWS)]
+    rows = [
+        {"Hz": found.equipment_frequency_hz[k]}
+        | {words: plus_minus(values.at(k), of) for words, (values, of) in shown.items()}
+        | {words: f"{values[k]:.3g}" for words, values in of_impacts.items()}
+        for k in _spread(len(found.equipment_frequency_hz), ROWS)
+    ]
     lines, test = hits_in_words(found), []
     if found.test is not None:
         test = [_test_section(found, found.test)]
         duration = spoken_mission(found.test.duration)
         lines.append(f"random test of {duration}: {found.test.summary()}")
     return told_of(
-        found, Grid.by(title, hertz | shown, rows, 0), (), *test,
+        found, Grid.of(title, rows, words=0), (), *test,
         verdict=capital(found.summary()), statements=[*map(capital, lines)], brief=True,
     )  # fmt: skip
 
@@ -288,28 +292,14 @@ def _spread(count: int, most: int) -> list[int]:
     return [int(k) for k in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
 
 
-def _each(values: SpectrumValues, quantity: ShownQuantity = NUMBER) -> Callable[[int], object]:
-    """The values of a spectrum by their number, with their errors, in the unit that is shown."""
-
-    def one(k: int) -> str:
-        estimate = Estimate(
-            value=float(values.value[k]), standard_error=float(values.standard_error[k]),
-            bias=float(values.bias[k]),
-        )  # fmt: skip
-        return value_with_error(quantity(estimate))
-
-    return one
-
-
 def _test_section(found: Damage, test: TailoredTest) -> Section:
     """The profile of a test."""
     title = (
         f"random test of {spoken_mission(test.duration)} with the damage of "
         f"{spoken_mission(found.mission)}, at {test.exaggeration:.3g} times the rms"
     )
-    columns = {"Hz": lambda f, _: f, str(DENSITY): lambda _, density: f"{DENSITY(density):.3g}"}
-    rows = zip(test.frequency_hz, test.density, strict=True)
-    return Section(grids=Grid.by(title, columns, rows, 0))
+    points = {"Hz": test.frequency_hz, "density": test.density}
+    return Section(grids=Grid.of(title, rows_of(points), "Hz; density {(m/s^2)^2/Hz .3g}", 0))
 
 
 def hits_in_words(found: Damage) -> list[str]:
@@ -435,33 +425,33 @@ def panels_of(found: BumperMap) -> list[Panel]:
 def bumper_map_told(found: BumperMap) -> Told:
     """The quantities at some points, and the best one."""
     times = f"stiffness ({STIFFNESS})" if _in_units(found) else "stiffness, times"
-    shown: dict[str, Callable[[int, int], object]] = {
-        f"clearance ({LENGTH})": lambda row, _: f"{LENGTH(found.clearance[row]):.3g}",
-        times: lambda _, column: f"{_stiffness(found)[column]:.3g}",
-    }
-    for panel in panels_of(found):
-        heading = panel.quantity.heading(panel.words, panel.more)
-        shown[heading] = partial(_one_point, found, panel)
-    if found.limits:
-        shown["limits"] = partial(_verdict, found)
     rows, columns = found.feasible.shape
-    at = [*product(_spread(rows, CORNERS), _spread(columns, CORNERS))]
-    left = rows * columns - len(at)
+    shown = [
+        {
+            f"clearance ({LENGTH})": f"{LENGTH(found.clearance[at[0]]):.3g}",
+            times: f"{_stiffness(found)[at[1]]:.3g}",
+            **{each.quantity.heading(each.words, each.more): _one_point(found, each, at)
+               for each in panels_of(found)},
+            **({"limits": _verdict(found, at)} if found.limits else {}),
+        }
+        for at in product(_spread(rows, CORNERS), _spread(columns, CORNERS))
+    ]  # fmt: skip
+    left = rows * columns - len(shown)
     more = f"; {left} more points in the file of the map" if left else ""
     cost = f"cost: {found.cost.wall_time:.3g} s on {found.cost.threads} threads"
     return told_of(
         found,
-        Grid.by(f"exceeded in {_risk(found)}{more}", shown, at, 0),
+        Grid.of(f"exceeded in {_risk(found)}{more}", shown, words=0),
         footer=[cost],
         brief=True,
     )
 
 
-def _verdict(found: BumperMap, row: int, column: int) -> str:
+def _verdict(found: BumperMap, at: tuple[int, int]) -> str:
     """Whether a point keeps the limits, as far as its errors tell."""
-    if found.feasible[row, column]:
+    if found.feasible[at]:
         return "kept"
-    return "exceeded" if found.exceeded[row, column] else "not shown"
+    return "exceeded" if found.exceeded[at] else "not shown"
 
 
 def _risk(found: BumperMap) -> str:
@@ -476,19 +466,16 @@ def _stiffness(found: BumperMap) -> Matrix:
     return found.stiffness_factor if found.stiffness is None else STIFFNESS(found.stiffness)
 
 
-def _one_point(found: BumperMap, panel: Panel, row: int, column: int) -> str:
+def _one_point(found: BumperMap, panel: Panel, at: tuple[int, int]) -> str:
     """A value with its errors."""
     values = getattr(found, panel.name)
-    value, error, bias = (
-        float(each[row, column]) for each in (values.value, values.standard_error, values.bias)
-    )
+    value = float(values.value[at])
     if not np.isfinite(value):
         return "not known"
-    if not found.impact_speed.value[row, column] > 0.0:
+    if not found.impact_speed.value[at] > 0.0:
         untouched = "no contact" if panel.name == "pad_force" else f"{panel.quantity(value):.3g}"
         return untouched if panel.name != "energy_per_hit" or value else "no contact"
-    estimate = Estimate(value=value, standard_error=error, bias=bias)
-    return value_with_error(panel.quantity(estimate), with_bias=False)
+    return plus_minus(values.at(at), panel.quantity)
 
 
 def plot_bumper_map(found: BumperMap, ax: Axes | None = None) -> Axes:
@@ -554,9 +541,13 @@ def spectrum_told(found: ResponseSpectrum) -> Told:
     title = "at the peak of each spectrum, one-sided per hertz"
     return told_of(
         found,
-        [Grid.of(title, found.peaks(), ("of", "quantity", "unit"))],
+        Grid.of(title, found.peaks(), words=("of", "quantity", "unit")),
         [f"{name}: {meaning}" for name, meaning in found.meanings.items()],
     )
+
+
+SPAN = "{lower:.4g} to {upper:.4g}"
+"""The interval of a rate in words."""
 
 
 def impacts_told(found: ImpactStatistics, mission: float | None = None) -> Told:
@@ -564,7 +555,18 @@ def impacts_told(found: ImpactStatistics, mission: float | None = None) -> Told:
     title = "impacts, with 95 % intervals of the rates"
     return told_of(
         found,
-        [Grid.of(title, found.to_table(), ("of", "quantity", "by", "unit"))],
+        Grid.of(
+            title,
+            in_chosen_units(found.to_frame()),
+            "of; quantity; value = number; 95 % interval = interval; by; unit",
+            ("of", "quantity", "by", "unit"),
+            number=lambda row: plus_minus(estimate_of(row)),
+            interval=lambda row: (
+                f"{row['lower']:.4g} to {row['upper']:.4g}"
+                if row["lower"] == row["lower"]
+                else None
+            ),
+        ),
         [] if mission is None else [_in_mission(found, mission)],
     )
 
@@ -587,20 +589,8 @@ def _in_mission(found: ImpactStatistics, mission: float) -> str:
 # ------------------------------------------------------------------------------
 
 
-EVENTS = {
-    "hit": "an impact",
-    "passage": "a passage of the barrier",
-    "impact_speed": "an impact faster than",
-    "peak_acceleration": "a peak acceleration above",
-}
-"""Events of a mission in words."""
-
 STARTS = {"rest": "rest", "stationary": "the stationary motion"}
 """The starts of a mission in words."""
-
-SURELY = 0.9
-"""Lower end of an interval that reaches to 1, from which on "over" and that end are told; where it
-is lower the probability is hardly known."""
 
 SMALLEST_DRAWN = 1e-9
 """Share of the largest probability below which the probability of a phase is left out of the
@@ -610,84 +600,53 @@ picture."""
 def reliability_told(found: Reliability) -> Told:
     """The probabilities with their intervals, how each was found, and the expected impacts."""
     mission, chances = spoken_mission(found.mission), list(found.chances.values())
-    told = [
-        f"{event_in_words(each)} in {mission}: {_likely(each)} ({interval_of(each)})"
-        for each in chances
-    ]
-    for name, why in found.missing.items():
-        what = "not accurate" if name in found.chances else "not found"
-        told.append(f"{name.replace('_', ' ')}: {what}, {why}")
-    lines = (
-        [] if found.hits is None else [f"expected impacts in {mission}: {hits_of_mission(found)}"]
-    )
+    hits = f"expected impacts in {mission}: {found.hits_in_words()}"
+    lines = [] if found.hits is None else [hits]
     lines += [each.why for each in chances if each.way in ("phases", "levels")]
     if len(found.pairs) > 1:
         share = max((each.share_of_first_hits, name) for name, each in found.pairs.items())
         lines.append(f"first impacts: {spoken_percent(share[0])} of them on {share[1]}")
     limit = found.chances["peak_acceleration"].limit if found.outputs else None
-    crude: dict[str, Callable[..., object]] = {}
-    if any(each.crude_seconds is not None for each in chances):
-        crude["as whole missions"] = lambda chance: _known(chance.crude_seconds, "{:.2g}".format)
+
+    def of_phase(name: str, phase: Reliability) -> dict[str, object]:
+        known = {each.words: each.likely for each in phase.chances.values()}
+        hits = None if phase.hits is None else phase.hits.value
+        return {"phase": name, "mission": phase.mission, **known, "expected_impacts": hits}
+
+    events = [each.words for each in chances]
     tables = [
-        Grid.by(
+        Grid.of(
             "How each probability was found",
-            {
-                "event": event_in_words,
-                "way": lambda chance: way_in_words(chance.way),
-                "probability": chance_of,
-                "interval": interval_of,
-                "bias of the step": lambda chance: _known(
-                    chance.estimate.bias, lambda bias: spoken_percent(bias) if bias else "0"
-                ),
-                "missions, records or repetitions": lambda chance: count_of(float(chance.trials)),
-                "CPU s": lambda chance: f"{chance.seconds:.2g}",
-                **crude,
-            },
-            [(each,) for each in chances],
-            words=2,
+            chances,
+            "event = words; way {way}; probability = likely; interval; "
+            "bias of the step = bias {likely}; missions, records or repetitions = trials {count}; "
+            "CPU s = seconds {.2g}; as whole missions = crude_seconds {.2g}",
+            2,
+            bias=lambda chance: chance.estimate.bias,
         ),
-        Grid.by(
+        Grid.of(
             "Phase by phase",
-            {
-                "phase": lambda name, _: name,
-                "duration": lambda _, phase: spoken_mission(phase.mission),
-                **{
-                    event_in_words(each): lambda _, phase, event=event: chance_of(
-                        phase.chances[event]
-                    )
-                    for event, each in found.chances.items()
-                },
-                "expected impacts": lambda _, phase: _known(
-                    phase.hits, lambda hits: count_of(hits.value)
-                ),
-            },
-            found.phases.items(),
+            [of_phase(*each) for each in found.phases.items()],
+            ["phase", "duration = mission {mission}", *((words, words, "1") for words in events),
+             "expected_impacts {count}"],
         ),
-        Grid.by(
+        Grid.of(
             "Pair by pair: the probability of an impact if this pair alone had stops, and its "
             "share of the first impacts of a mission; its expected impacts there and their mean "
             "speed, with all stops where they are",
-            {
-                "pair": lambda name, _: name,
-                "probability alone": lambda _, risk: _percent(
-                    risk.probability.value, risk.probability.upper_95
-                ),
-                "of first impacts": lambda _, risk: spoken_percent(risk.share_of_first_hits),
-                "expected impacts": lambda _, risk: plus_minus(risk.expected_hits),
-                f"mean speed ({SPEED})": lambda _, risk: plus_minus(risk.impact_speed_mean, SPEED),
-            },
             found.pairs.items(),
+            "pair = name; probability alone = alone; of first impacts = share_of_first_hits "
+            "{percent}; expected impacts = expected_hits; mean speed = impact_speed_mean",
+            alone=lambda _, risk: chance_of(risk.probability),
         ),
-        Grid.by(
+        Grid.of(
             f"Where an acceleration above {ACCELERATION.text(limit or 0.0)} occurs while a stop is "
             "touched",
-            {
-                "coordinate or point": lambda name, _: name,
-                "probability": lambda _, chance: _percent(chance.value, chance.upper_95),
-            },
             found.outputs.items(),
+            "coordinate or point = name; probability = risk",
+            risk=lambda _, risk: chance_of(risk),
         ),
-    ]
+    ]  # fmt: skip
     picture = shown(lambda: plot_chances(found), f"Probabilities in {mission}, with intervals.")
     probabilities = Section(
         title="Probabilities",
@@ -695,11 +654,11 @@ def reliability_told(found: Reliability) -> Told:
         "probability that was never seen has an upper limit.",
         grids=[*chain(*tables)],
         pictures=[picture] if chances else [],
-        notes=[f"{event_in_words(each)}: {each.why}" for each in chances],
+        notes=[f"{each.words}: {each.why}" for each in chances],
     )
     return told_of(
         found,
-        verdict=" ".join(f"{capital(each)}." for each in told),
+        verdict=found.verdict(),
         alarm=bool(found.missing),
         statements=[*map(capital, lines)],
         sections=[probabilities],
@@ -708,69 +667,18 @@ def reliability_told(found: Reliability) -> Told:
     )
 
 
-def event_in_words(chance: Chance) -> str:
-    """An event with its limit."""
-    words = EVENTS[chance.event]
-    if chance.limit is None:
-        return words
-    return f"{words} {readable(unit_of_limit(chance.event)).text(chance.limit)}"
-
-
-def _likely(chance: Chance) -> str:
-    """A probability in a sentence."""
-    words = chance_of(chance)
-    return f"{words} likely" if "%" in words else words
-
-
-def chance_of(chance: Chance) -> str:
-    """A probability in words: near 1 the number that it exceeds, and its upper limit where the
-    event was never seen."""
-    value = chance.estimate.value
-    if value > NEAR_ONE:
-        return over_percent(chance.lower) if chance.lower >= SURELY else "hardly known"
-    return _percent(value, None if value > 0.0 else chance.upper)
-
-
-def interval_of(chance: Chance) -> str:
-    """The interval of a probability, with its level."""
-    low = spoken_percent(chance.lower) if chance.lower > 0.0 else "0"
-    return f"{low} to {spoken_percent(chance.upper)}, {100.0 * chance.confidence:g} %"
-
-
-def hits_of_mission(found: Reliability) -> str:
-    """The expected impacts of a mission with their interval."""
-    if found.hits is None:
-        return UNKNOWN
-    if found.hits_interval is None:
-        return count_of(found.hits.value)
-    low, high = found.hits_interval
-    return f"{count_of(found.hits.value)} ({count_of(low)} to {count_of(high)})"
-
-
-def _percent(value: float, limit: float | None) -> str:
-    """A probability, or its upper limit where there is one; unknown where that is nearly 1."""
-    if limit is None:
-        return spoken_percent(value)
-    return UNKNOWN if limit > NEAR_ONE else f"below {spoken_percent(limit)}"
-
-
-def _known(value: Any, form: Callable[[Any], str]) -> str:
-    """A value in a form, where it is known."""
-    return UNKNOWN if value is None else form(value)
-
-
 def plot_chances(found: Reliability, ax: Axes | None = None) -> Axes:
     """Each probability with its interval on a logarithmic axis; an upper limit as an arrow. Those
     of phases stand below those of the whole mission."""
-    drawn = [(event_in_words(chance), chance) for chance in found.chances.values()]
+    drawn = [(chance.words, chance) for chance in found.chances.values()]
     least = SMALLEST_DRAWN * max((chance.upper for _, chance in drawn), default=0.0)
     drawn += [
-        (f"{name}, {event_in_words(chance)}", chance)
+        (f"{name}, {chance.words}", chance)
         for name, phase in found.phases.items()
         for chance in phase.chances.values()
         if chance.upper > least
     ]
-    names = [textwrap.fill(f"{words}: {chance_of(chance)}", LABEL_WIDTH) for words, chance in drawn]
+    names = [textwrap.fill(f"{words}: {chance.likely}", LABEL_WIDTH) for words, chance in drawn]
     mission = spoken_mission(found.mission)
     chart = listed(ax, names, Scale(f"probability in {mission}", log=True), 0.45)
     for row, (_, chance) in enumerate(drawn):

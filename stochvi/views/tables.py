@@ -6,7 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,24 +23,17 @@ from stochvi.results.estimates import (
     NEAR_ONE,
     Estimate,
     count_of,
-    format_with_error,
+    plus_minus,
     spoken_percent,
 )
 
 if TYPE_CHECKING:
     from stochvi.isolators.sizing.answer import ClearanceAnswer, Sizing
+    from stochvi.model.coverage import NaturalMode
 
 QUANTITY_NAMES = {name: each.words for name, each in RESPONSE_QUANTITIES.items()}
 """Short names of quantities in tables; w is the speed of an impact. The standard deviation of a
 displacement leaves out its mean; velocities and accelerations of a stationary motion have none."""
-
-
-NOISE = 4.0
-"""Number of standard errors below which a value does not differ clearly from 0."""
-
-
-ROUGH = 1e-3
-"""Relative bias above which a value is shown with four digits."""
 
 
 STOP_OF = re.compile(r"(.+ stop) (?:lower|upper) of .+")
@@ -74,18 +67,21 @@ def effects_in_words(effects: Sequence[str]) -> str:
     return "; ".join(named)
 
 
-LAST_DIGITS = (
-    "value(standard error in its last digits)+-bias of the step or the model; the bias is left out "
-    "where it widens the 95 % interval by less than a tenth, and +-? is one that is not known"
-)
-"""Explanation of the notation of an `Estimate`."""
-
-
-NEVER_SEEN = (
-    "at most 0.006: never seen, or in too few independent samples for an interval; the number is "
-    "the upper 95 % limit"
-)
-"""Explanation of how an `Estimate` of something that was hardly ever seen is shown."""
+def modes_in_rows(modes: Sequence[NaturalMode]) -> list[dict[str, Any]]:
+    """A row per mode: frequency, damping, and the mass that it moves along each axis."""
+    return [
+        {
+            "mode": number,
+            "Hz": mode.frequency_hz,
+            "zeta": None if mode.damping_ratio is None else f"{mode.damping_ratio:.3g}",
+            **{
+                f"along {axis} (kg)" if axis else "eff. mass (kg)": f"{mass:.3g}"
+                for axis, mass in mode.effective_mass.items()
+            },
+            "motion": mode.motion,
+        }
+        for number, mode in enumerate(modes, start=1)
+    ]
 
 
 METHOD_COLUMNS = {
@@ -106,73 +102,9 @@ def methods_table(responses: Sequence[Response]) -> list[dict[str, str]]:
         for name, heading in METHOD_COLUMNS.items():
             quantity = shown_as(RESPONSE_QUANTITIES[name].unit)
             words = quantity.heading(heading) if quantity.chosen else heading
-            row[words] = value_with_error(quantity(found[name])) if name in found else ""
+            row[words] = plus_minus(found[name], quantity) if name in found else ""
         rows.append(row)
     return rows
-
-
-def value_with_error(estimate: Estimate, scale: float = 0.0, *, with_bias: bool = True) -> str:
-    """A value with its standard error in brackets, and its bias where that matters.
-
-    A value below the rounding of `scale` is 0. Tables with a column of their own for the bias ask
-    for none. An approximation without a bound has four digits and no sign of its bias.
-
-    >>> value_with_error(Estimate(value=0.5, standard_error=0.02, bias=0.01))
-    '0.500(20)+-0.01'
-    >>> value_with_error(Estimate(value=0.5, standard_error=0.02, bias=None))
-    '0.500(20)+-?'
-    >>> value_with_error(Estimate(value=0.0, bias=2e-18), with_bias=False)
-    '0+-2e-18'
-    """
-    if estimate.upper_95 is not None:
-        return f"at most {estimate.upper_95:.2g}"
-    if abs(estimate.value) < NEGLIGIBLE * scale:
-        return "0"
-    if estimate.standard_error == 0.0 == estimate.value and estimate.bias:
-        return f"0+-{estimate.bias:.2g}"  # nothing is relative to 0
-    if estimate.standard_error == 0.0:
-        # many digits of an approximation would mean nothing
-        if estimate.bias is not None and estimate.bias <= ROUGH * abs(estimate.value):
-            return f"{estimate.value:.7g}"
-        text = f"{estimate.value:.4g}"
-        with_bias = with_bias and estimate.bias is not None
-    else:
-        text = format_with_error(estimate.value, estimate.standard_error)
-    if not with_bias or not estimate.bias_matters:
-        return text
-    added = estimate.printed_bias
-    return f"{text}+-?" if added is None else f"{text}+-{added:.2g}"
-
-
-def relative_error(error: float, estimate: Estimate) -> str:
-    """An error over the value; "-" where the value does not differ from 0, or has no interval."""
-    if estimate.upper_95 is not None or (error == 0.0 and estimate.bias is None):
-        return "-"
-    if error == 0.0:
-        return "0"
-    ratio = error / abs(estimate.value) if estimate.value else float("inf")
-    return f"{ratio:.1e}" if ratio < 1.0 else "-"
-
-
-def relative_half_width(estimate: Estimate) -> str:
-    """Half the width of the 95 % interval over the value, with all errors that are known, in
-    percent; "-" where there is no interval, or the value does not differ clearly from 0."""
-    no_interval = estimate.upper_95 is not None or estimate.bias is None
-    if no_interval or abs(estimate.value) < NOISE * estimate.standard_error or not estimate.value:
-        return "-"
-    return f"{100.0 * estimate.half_width_95() / abs(estimate.value):.2g} %"
-
-
-def relative_bias(estimate: Estimate) -> str:
-    """What the bias adds to the half width of the 95 % interval, over the value; "-" where the
-    value does not differ clearly from 0."""
-    if 0.0 < abs(estimate.value) < NOISE * estimate.standard_error:
-        return "-"
-    added = estimate.printed_bias or 0.0
-    # a bound above the value itself is told, as it says how little is known
-    if estimate.upper_95 is None and added > abs(estimate.value) > 0.0:
-        return f"{added / abs(estimate.value):.1e}"
-    return relative_error(added, estimate)
 
 
 # ------------------------------------------------------------------------------

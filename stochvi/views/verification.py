@@ -24,7 +24,7 @@ from stochvi.mathematics.units import (
     shown_as,
 )
 from stochvi.results.base import ROTATIONS, DataFrame, of_angle, quantities_of
-from stochvi.results.estimates import NO_VALUE, capital, format_with_error
+from stochvi.results.estimates import NO_VALUE, Estimate, capital, plus_minus
 from stochvi.verification.check import (
     APPROXIMATE,
     BALANCE,
@@ -60,19 +60,19 @@ from stochvi.views.tables import (
     QUANTITY_NAMES,
     UNKNOWN,
     effects_in_words,
+    modes_in_rows,
     spoken_length,
-    value_with_error,
 )
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from stochvi.identification import Identification
+    from stochvi.identification import Identification, LawFit
     from stochvi.isolators.record_verdict import RecordVerdict
     from stochvi.methods.monte_carlo import Prospect
     from stochvi.methods.replay import Replay, ReplayAt
     from stochvi.verification.check import Checks, Explanation
-    from stochvi.verification.testing.judging import Finding, Judgement
+    from stochvi.verification.testing.judging import Judgement
 
 MOST_PANELS = 9
 """Largest number of quantities in a picture of errors against time: more would be too small."""
@@ -189,56 +189,55 @@ def checks_told(verdict: Checks) -> Told:
     overview = verdict.overview()
     alarms = np.flatnonzero(~overview["verdict"].isin(["passed", BALANCES_ONLY])).tolist()
     table = Grid.of(
-        "scenes, under one alarm rate", overview, ("scene", "methods", "verdict"),
-        dict.fromkeys(map(str, overview), ".2f"),
-    )  # fmt: skip
+        "scenes, under one alarm rate",
+        overview,
+        [(name, name, "1 .2f") for name in map(str, overview)],
+        ("scene", "methods", "verdict"),
+        alarms,
+    )
     notes = [
         f"alarm: {name}: {row.quantity} of {row.of}: {row.method} {row.value:.6g}, "
         f"{row.reference} {row.reference_value:.6g}, allowed {row.tolerance:.1e}"
         for name, row in verdict.alarms
     ]
-    return told_of(verdict, [replace(table, alarms=alarms)], notes, alarm=not verdict.passed)
+    return told_of(verdict, table, notes, alarm=not verdict.passed)
 
 
 def problems_told(sentences: Mapping[str, str]) -> Told:
     """A line for each problem: its name, and a sentence that describes it."""
-    rows = [*sentences.items()]
-    table = Grid(caption="problems", headings=["problem", "what it is"], rows=rows, words=2)
-    return Told(sections=[Section(grids=[table])])
+    rows = [{"problem": name, "what it is": words} for name, words in sentences.items()]
+    return Told(sections=[Section(grids=Grid.of("problems", rows, words=2))])
 
 
 def judgement_told(verdict: Judgement) -> Told:
     """Every quantity with its true value, likely causes of disagreements, and the verdict."""
-    table = Grid(
-        caption="judged against the known answer",
-        headings=["quantity", "truth", "found", "off by (%)", "visible (%)", "verdict"],
-        rows=[_finding_cells(row) for row in verdict.findings],
-        words=("quantity", "verdict"),
-        alarms=[k for k, row in enumerate(verdict.findings) if row in verdict.failures],
+    table = Grid.of(
+        "judged against the known answer",
+        verdict.findings,
+        "quantity; truth; found = value; off by (%) = off; visible (%) = visible_percent {.2g};"
+        "{.1e}; verdict",
+        ("quantity", "verdict"),
+        [k for k, row in enumerate(verdict.findings) if row in verdict.failures],
+        truth=lambda row: f"{row.truth:.6g} {row.unit}",
+        value=lambda row: _scattered(row.value, row.standard_error) or "not finite",
+        off=lambda row: _scattered(row.bias_percent, row.bias_error_percent),
     )
     notes = [f"left out: {reason}" for reason in verdict.left_out]
     notes += [f"looks like: {hint}" for hint in verdict.hints]
     return told_of(
         verdict,
-        [table],
+        table,
         notes,
         alarm=not verdict.passed,
         statements=[verdict.read_as] if verdict.read_as else [],
     )
 
 
-def _finding_cells(row: Finding) -> list[str]:
-    if row.value is None or row.standard_error is None or row.bias_percent is None:
-        return [row.quantity, f"{row.truth:.6g} {row.unit}", "not finite", "", "", row.verdict]
-    assert row.bias_error_percent is not None and row.visible_percent is not None
-    return [
-        row.quantity,
-        f"{row.truth:.6g} {row.unit}",
-        format_with_error(row.value, row.standard_error),
-        format_with_error(row.bias_percent, row.bias_error_percent),
-        f"{row.visible_percent:.2g}",
-        row.verdict,
-    ]
+def _scattered(value: float | None, error: float | None) -> Estimate | None:
+    """A number with its standard error, where both are known."""
+    if value is None or error is None:
+        return None
+    return Estimate(value=value, standard_error=error)
 
 
 def _judged(judged: Sequence[Comparison]) -> list[Grid]:
@@ -246,21 +245,18 @@ def _judged(judged: Sequence[Comparison]) -> list[Grid]:
     against = [row.reference for row in judged if row.of != BALANCE]
     title = f"judged: {judged[0].method}"
     title += f" against {against[0]}, and its balances" if against else ", its balances"
-    return Grid.by(
+    return Grid.of(
         title,
-        {
-            "quantity": lambda row: (
-                f"{row.quantity} balance" if row.of == BALANCE else QUANTITY_NAMES[row.quantity]
-            ),
-            "reference": lambda row: "" if row.of == BALANCE else f"{row.reference_value:.6g}",
-            "value": lambda row: f"{row.value:{'.2e' if row.of == BALANCE else '.6g'}}",
-            "difference": lambda row: f"{row.difference:+.1e}",
-            "allowed": lambda row: "" if row.tolerance is None else f"{row.tolerance:.1e}",
-            "verdict": lambda row: row.verdict,
-        },
-        [(row,) for row in judged],
-        words=("quantity", "verdict"),
-        alarms=[k for k, row in enumerate(judged) if row.verdict == DISAGREES],
+        judged,
+        "quantity = words_of; reference; value = found; difference {+.1e}; allowed = tolerance "
+        "{.1e}; verdict",
+        ("quantity", "verdict"),
+        [k for k, row in enumerate(judged) if row.verdict == DISAGREES],
+        words_of=lambda row: (
+            f"{row.quantity} balance" if row.of == BALANCE else QUANTITY_NAMES[row.quantity]
+        ),
+        reference=lambda row: None if row.of == BALANCE else f"{row.reference_value:.6g}",
+        found=lambda row: f"{row.value:{'.2e' if row.of == BALANCE else '.6g'}}",
     )
 
 
@@ -351,25 +347,8 @@ def _modes(explanation: Explanation) -> list[Grid]:
     modes = explanation.modes
     if len(modes) < 2:
         return []
-    return Grid.by(
-        "natural modes without stops, and the mass that each moves with the base",
-        {
-            "mode": lambda number, _: number,
-            "Hz": lambda _, mode: mode.frequency_hz,
-            "zeta": lambda _, mode: (
-                NO_VALUE if mode.damping_ratio is None else f"{mode.damping_ratio:.3g}"
-            ),
-            **{
-                f"along {axis} (kg)" if axis else "eff. mass (kg)": lambda _, mode, axis=axis: (
-                    f"{mode.effective_mass[axis]:.3g}"
-                )
-                for axis in modes[0].effective_mass
-            },
-            "motion": lambda _, mode: mode.motion,
-        },
-        enumerate(modes, start=1),
-        words=0,
-    )
+    caption = "natural modes without stops, and the mass that each moves with the base"
+    return Grid.of(caption, modes_in_rows(modes), words=0)
 
 
 def _rest(explanation: Explanation) -> list[str]:
@@ -443,7 +422,7 @@ def _step_bias(found: WorkPrecision, row: StepError) -> str:
     if row.step_bias_limit is None:
         return "unknown"
     if row.bias_is_seen:
-        return format_with_error(100.0 * row.step_bias, 100.0 * row.step_bias_error)
+        return plus_minus(_scattered(row.step_bias, row.step_bias_error), PERCENT)
     if row.step_bias_error == 0.0:
         return "reference"
     return f"< {100.0 * (row.largest_bias if found.elastic else row.step_bias_limit):.2g}"
@@ -490,9 +469,7 @@ def _model_error(row: ModelError) -> str:
     bound = f" [{100.0 * row.stated_bias:.2g}]" if row.stated_bias else ""
     if abs(row.model_error) < DETERMINISTIC_ERROR:
         return f"0{bound}"
-    if row.model_error_error == 0.0:
-        return f"{100.0 * row.model_error:.3g}{bound}"
-    return f"{format_with_error(100.0 * row.model_error, 100.0 * row.model_error_error)}{bound}"
+    return f"{plus_minus(_scattered(row.model_error, row.model_error_error), PERCENT)}{bound}"
 
 
 # ------------------------------------------------------------------------------
@@ -516,25 +493,22 @@ MOST_LINES = 4
 
 def identification_told(found: Identification) -> Told:
     """The law to take, the line to copy, and all laws that were fitted."""
-    table = Grid.by(
+
+    def numbers(_: str, fit: LawFit) -> str:
+        known = [(name, each, fit.units[name]) for name, each in fit.numbers.items()]
+        return ", ".join(f"{n} {plus_minus(each)} {u}".rstrip() for n, each, u in known)
+
+    table = Grid.of(
         "laws; rejected below 0.05: the probability of so bad a fit if the law were true",
-        {
-            "law": lambda name, _: name,
-            "numbers": lambda _, fit: ", ".join(
-                f"{key} {value_with_error(each)} {fit.units[key]}".rstrip()
-                for key, each in fit.numbers.items()
-            ),
-            "residual": lambda _, fit: fit.residual,
-            "AICc": lambda _, fit: fit.criterion,
-            "rejected": lambda _, fit: None if fit.rejected is None else f"{fit.rejected:.2g}",
-        },
         found.fits.items(),
-        words=2,
+        "law = name; numbers = in_words; residual; AICc = criterion; rejected {.2g}",
+        2,
+        in_words=numbers,
     )
     of_test = []
     for name, each in found.of_test.items():
         quantity = shown_as(found.test.start[name][1])
-        of_test.append(f"{name}: {value_with_error(quantity(each))} {quantity}")
+        of_test.append(f"{name}: {plus_minus(each, quantity)} {quantity}")
     return told_of(found, table, of_test, statements=[found.line])
 
 

@@ -67,7 +67,7 @@ from stochvi.scenes.impact_laws import Hertz
 from stochvi.scenes.structures import Matrices
 from stochvi.testing import assert_agrees
 from stochvi.verification.testing.judging import Z
-from stochvi.views.absorbers import design_page, verdict
+from stochvi.views.absorbers import design_page
 from support import judges
 from support.accuracies import quick_cases, rel_errors
 from support.bounces import Bounces
@@ -619,10 +619,12 @@ def test_noise_does_not_make_an_absorber_harmful() -> None:
             central.ratio, value=1.0 + central.ratio.standard_error * random.standard_normal()
         )
         drawn = replace(found, performances=[replace(central, ratio=ratio)])
-        assert "worse" not in verdict(drawn)
+        assert "worse" not in drawn.summary()
     known_to = 10.0 * central.ratio.standard_error + (central.ratio.bias or 0.0)
     ratio = replace(central.ratio, value=1.0 + known_to)
-    assert "makes it worse" in verdict(replace(found, performances=[replace(central, ratio=ratio)]))
+    assert (
+        "makes it worse" in replace(found, performances=[replace(central, ratio=ratio)]).summary()
+    )
 
 
 @pytest.mark.verify

@@ -28,7 +28,7 @@ from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.results.deadline import graceful_interrupt
 from stochvi.results.errors import Interrupted, SceneError
-from stochvi.results.estimates import Estimate, format_with_error
+from stochvi.results.estimates import Estimate, plus_minus
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.excitations import Sine, TabulatedNoise, WhiteNoise
@@ -632,10 +632,10 @@ def test_options_of_other_methods_are_refused(
 
 def test_a_table_and_a_picture_tell_the_errors(tmp_path: Path) -> None:
     table = sweep(oscillator(), {GAP: [0.5, 1.0]}, paths=64, duration=20.0, threads=1)
-    value, error = (table[f"stops.collision_rate{end}"][0] for end in ("", ".standard_error"))
-    assert terminal_table(table, [GAP])["impacts, all stops (1/s)"][0] == format_with_error(
-        value, error
-    )
+    rate = "stops.collision_rate"
+    errors = {end: float(table[f"{rate}.{end}"][0]) for end in ("standard_error", "bias")}
+    told = plus_minus(Estimate(value=float(table[rate][0]), **errors))
+    assert terminal_table(table, [GAP])["impacts, all stops (1/s)"][0] == told and "±" in told
     told = draw_sweep(table, [GAP], "stops.collision_rate", "a box").get_title()
     assert told == "a box\nsimulate; bars: 95 % intervals"
 

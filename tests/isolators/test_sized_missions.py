@@ -37,7 +37,7 @@ from stochvi.scenes.excitations.drawn import Pulses
 from stochvi.scenes.phases import Phase
 from stochvi.statistics.damage import Damage
 from stochvi.statistics.damage.equipment import SpectrumValues
-from stochvi.views.report import write_clearance_report
+from stochvi.views.report import write_report
 from support import judges
 from support.mounts import two_stages
 from support.pairs import pair, uncoupled
@@ -184,18 +184,18 @@ def test_the_record_of_each_phase_is_judged(tmp_path: Path) -> None:
     assert f"Make {found.widest} on each side" in found.for_noise()
     assert found.stops_to_copy() == ""
     assert found.to_dict()["records"]["rough"]["contradicts"] is True
-    page = write_clearance_report(found, tmp_path / "page").read_text("utf-8")
+    page = write_report(found, tmp_path / "page").read_text("utf-8")
     assert 'class="verdict alarm"' in page
     # the control: without potholes nothing is said, and the page is calm
     calm = sized(with_records(tmp_path, potholes=0.0))
     assert not calm.doubtful and calm.stops_to_copy() and calm.verdict().startswith("Make ")
-    page = write_clearance_report(calm, tmp_path / "calm").read_text("utf-8")
+    page = write_report(calm, tmp_path / "calm").read_text("utf-8")
     assert 'class="verdict alarm"' not in page
 
 
 def test_the_report_of_a_mission_shows_its_phases(tmp_path: Path) -> None:
     found = sized(THREE["rough and cold"])
-    page = write_clearance_report(found, tmp_path).read_text("utf-8").replace("\u00a0", " ")
+    page = write_report(found, tmp_path).read_text("utf-8").replace("\u00a0", " ")
     for expected in (
         f"Make {found.made} on each side", found.stops_to_copy(), "at +2 dB", "Phase by phase",
         "stiffness of the mount times 0.9", "1.078 g rms", "Revision and signatures",
@@ -322,7 +322,7 @@ def test_pairs_of_a_mission_have_a_clearance_in_common(tmp_path: Path) -> None:
         f"Make {made['bumpers']} at bumpers, {made['box stops']} at box stops, on each side. "
     )
     assert "over 2 phases" in own.summary()
-    page = write_clearance_report(own, tmp_path).read_text("utf-8").replace("\u00a0", " ")
+    page = write_report(own, tmp_path).read_text("utf-8").replace("\u00a0", " ")
     assert "Where the stops go" in page and "isolated mass" not in page
     made = own.as_made().impact_pairs[0].upper
     assert made == pytest.approx(own.each_made["bumpers"].value, rel=1e-9)
@@ -425,7 +425,7 @@ def test_the_sized_scene_has_the_damage_that_was_accepted(
     )
     assert near.damage_ratio is not None
     assert near.damage_ratio.value.max() > 10.0 * ratio  # at the stops of the scene
-    page = write_clearance_report(found, tmp_path).read_text("utf-8").replace("\u00a0", " ")
+    page = write_report(found, tmp_path).read_text("utf-8").replace("\u00a0", " ")
     assert f"Make {found.made} on each side" in page and "Clearances that were tried" in page
     assert page.count("<figure") == 3
 
@@ -451,7 +451,7 @@ def test_several_pairs_are_sized_for_a_damage(tmp_path: Path) -> None:
     assert near.damage_ratio is not None and near.damage_ratio.value[0] > 2.0 * ratio
     document = found.to_dict()
     assert set(document["clearances"]) == set(document["made"]) and "clearance" not in document
-    page = write_clearance_report(found, tmp_path).read_text("utf-8")
+    page = write_report(found, tmp_path).read_text("utf-8")
     assert "Where the stops go" in page and "box stops: lower = " in page
 
 

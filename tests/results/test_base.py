@@ -60,7 +60,7 @@ from stochvi.results.errors import (
     StochviError,
     reason_of,
 )
-from stochvi.results.estimates import Cost, Estimate
+from stochvi.results.estimates import Cost, Estimate, plus_minus
 from stochvi.results.files import name_of
 from stochvi.sampling.calculations import calculation
 from stochvi.sampling.run import Run
@@ -72,7 +72,6 @@ from stochvi.statistics.spectra import spectrum
 from stochvi.verification.check import check_many
 from stochvi.verification.cost import cost
 from stochvi.views.axes import STYLES
-from stochvi.views.tables import value_with_error
 from support import CHECKOUT, judges
 from support.commands import Run as RunOfCommands
 from support.commands import refused
@@ -370,8 +369,8 @@ def test_the_picture_of_a_response_tells_its_stops_and_hits() -> None:
     words = " ".join(" ".join(text.get_text().split()) for text in ax.texts)
     pair = found.impact_pairs["stops"]
     for rate in (pair.collision_rate_lower, pair.collision_rate_upper):
-        assert f"{value_with_error(rate)} impacts/s" in words
-    assert f"{value_with_error(found.coordinates['x'].displacement_std)} m" in words
+        assert f"{plus_minus(rate)} impacts/s" in words
+    assert f"{plus_minus(found.coordinates['x'].displacement_std)} m" in words
     plt.close("all")
 
 
@@ -687,7 +686,7 @@ def test_a_unit_that_no_choice_is_known_for_is_told(
     stochvi: RunOfCommands, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All that there are now are known, or stay as they are on purpose."""
-    known = {*base.COLUMN_UNITS.values(), *base.UNNAMED_UNITS.values(), *base.SUFFIXES}
+    known = {*base.COLUMN_UNITS.values(), *base.SUFFIXES}
     angles = {base.in_angles("ry", each.unit) for each in base.RESPONSE_QUANTITIES.values()}
     with shown_in(units_of("in")):
         for unit in known | angles:

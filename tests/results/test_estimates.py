@@ -34,6 +34,7 @@ from stochvi.results.estimates import (
     mean_and_error,
     most_events,
     normal_quantile,
+    plus_minus,
     poisson_interval,
     ratio_and_error,
     satterthwaite_degrees,
@@ -46,7 +47,6 @@ from stochvi.scenes.excitations import FilteredNoise
 from stochvi.scenes.scene import load_scene
 from stochvi.testing import assert_agrees
 from stochvi.views.files import to_json
-from stochvi.views.tables import value_with_error
 from support.known import oscillator
 
 
@@ -215,18 +215,21 @@ def test_a_truth_is_judged_by_the_interval_of_all_errors():
 
 def test_a_bias_is_told_where_it_widens_the_interval():
     known = Estimate(value=0.5, standard_error=0.01, bias=0.0019)
-    assert (str(known), value_with_error(known)) == ("0.500(10) []", "0.500(10)")
+    assert (str(known), plus_minus(known)) == ("0.500(10) []", "0.500 ± 0.021")
     biased = replace(known, bias=0.0021)
     assert biased.half_width_95() > 1.1 * replace(known, bias=0.0).half_width_95()
     assert str(biased) == "0.500(10), bias up to 0.0021 []"
-    assert value_with_error(biased) == "0.500(10)+-0.0021"
+    assert plus_minus(biased) == "0.500 ± 0.022"
     unknown = replace(known, bias=None)
-    assert (str(unknown), value_with_error(unknown)) == (
-        "0.500(10), bias not known []", "0.500(10)+-?"
-    )  # fmt: skip
-    solved = Estimate(value=0.23744, bias=0.0053)
-    assert value_with_error(solved) == "0.2374+-0.0053"
-    assert value_with_error(solved, with_bias=False) == "0.2374"
+    assert (str(unknown), plus_minus(unknown)) == ("0.500(10), bias not known []", "0.500 ± 0.020")
+
+
+def test_a_number_without_scatter_has_the_digits_that_are_known():
+    solved = Estimate(value=0.237441599, bias=0.0053)
+    assert plus_minus(solved, digits=7) == "0.2374 ± 0.0053"
+    for bias, told in ((1e-6, "0.23744"), (1e-8, "0.2374416"), (0.0, "0.2374416")):
+        assert plus_minus(replace(solved, bias=bias), digits=7) == told
+        assert plus_minus(replace(solved, bias=bias)) == "0.2374"
 
 
 def test_a_response_that_was_read_back_is_the_same():

@@ -35,19 +35,20 @@ from stochvi.isolators.sizing.answer import Sizing, Target
 from stochvi.isolators.sizing.review import PeakSettings, Review, ReviewSettings, review
 from stochvi.isolators.sizing.sensitivity import worst_case
 from stochvi.isolators.tolerances import Tolerances
-from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.mathematics.units import ACCELERATION, STANDARD_GRAVITY
 from stochvi.results.base import named_with_units
-from stochvi.results.estimates import Estimate, spoken_percent
+from stochvi.results.estimates import Estimate, plus_minus, spoken_percent
 from stochvi.results.files import Origin, origin_of
 from stochvi.scenes.excitations import Excitation
 from stochvi.scenes.scene import Scene
 from stochvi.views.pages import Fact, Grid, Page, Section, shown
+from stochvi.views.report import write_report
 from stochvi.views.report.sections import (
     environment_section,
     gap_section,
     mount_section,
 )
-from stochvi.views.report.sizing import sizing_page, write_report
+from stochvi.views.report.sizing import sizing_page
 from stochvi.views.sizing import plot_input, plot_risk
 from stochvi.views.tables import TINY
 from support.commands import Run
@@ -299,7 +300,9 @@ def test_peaks_on_the_page_are_those_of_its_table(folder: Path, html: str) -> No
     assert len(own) == 2 and len(table) == 2 + 2
     text = read(html).text
     for row in own.to_dict("records"):
-        assert f"{row['largest_acceleration_m_s2'] / 9.80665:.3g} ±" in text
+        value, error = (row[f"largest_acceleration{end}"] for end in ("_m_s2", "_m_s2_error"))
+        largest = Estimate(value=value, standard_error=error)
+        assert plus_minus(largest, ACCELERATION) in text.replace("\u00a0", " ")
         assert f"{row['rms_amplification']:.3f}" in text
     # the impacts hardly show in the rms, and multiply the peak
     assert 1.0 < own["rms_amplification"].iloc[0] < 1.1 < own["peak_amplification"].iloc[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -36,7 +37,7 @@ def test_numbers_stand_to_the_right_whether_they_are_text_or_not() -> None:
         }
     )
     written = io.StringIO()
-    told = Told(sections=[Section(grids=[Grid.of("hits", frame, words=None)])])
+    told = Told(sections=[Section(grids=Grid.of("hits", frame, words=("how",)))])
     print_told(Console(file=written, width=100), told)
     assert written.getvalue().splitlines() == [
         "",
@@ -64,7 +65,7 @@ def test_nothing_is_relative_to_a_mean_that_is_rounding_error() -> None:
     assert 0.0 < abs(mean.value) < 1e-12 and mean.bias
     print_told(Console(file=written, width=100), response_told(found))
     (row,) = (line for line in written.getvalue().splitlines() if "mean displacement" in line)
-    assert row.split() == ["x", "mean", "displacement", "0", "m", "0", "-", "-"]
+    assert row.split() == ["x", "mean", "displacement", "0", "m"]
 
 
 @pytest.mark.parametrize("method", [average, linearise, fokker_planck])
@@ -106,7 +107,8 @@ def test_a_number_that_is_not_known_is_a_dash() -> None:
     """Where a budget ended before impacts were counted, a table of a sizing ended in a
     traceback."""
     frame = pd.DataFrame({"hits": pd.Series([2.5, None, float("nan")], dtype=object)})
-    assert Grid.of("hits", frame).rows == [["2.5"], ["-"], ["-"]]
+    (found,) = Grid.of("hits", frame.assign(speed=math.nan))
+    assert (found.headings, found.rows) == (["hits"], [["2.5"], ["-"], ["-"]])
 
 
 # ------------------------------------------------------------------------------
@@ -182,8 +184,12 @@ def test_panels_share_the_scale_of_their_column_and_given_axes_get_the_first() -
 @pytest.mark.parametrize("name", VIEWS)
 def test_what_the_view_of_an_answer_names_is_there(name: str) -> None:
     view = VIEWS[name]
-    for place in filter(None, (view.plot, view.told, view.drawn)):
-        assert callable(function_of(place))
+    assert callable(view.plots)
+    for place in filter(None, (view.drawn, view.page, view.beside)):
+        assert callable(function_of(view.room, place))
+    if name != "Transient":  # of no command
+        assert callable(function_of(view.room, f"{view.name}_told"))
+    assert bool(view.page) == bool(view.numbers)
 
 
 def test_a_part_of_an_answer_states_the_headings_and_units_of_its_table() -> None:
@@ -196,19 +202,29 @@ def test_a_part_of_an_answer_states_the_headings_and_units_of_its_table() -> Non
         untold: float = 0.0
 
     rows = [(Shown("upper", 12345, Estimate(value=0.004, standard_error=1e-4), 2.5),)]
-    (found,) = Grid.stated("stops", rows)
+    (found,) = Grid.of("stops", rows)
     assert found.headings == ["stop", "paths", "reach (mm)", "speed (m/s)"]
     assert found.rows == [["upper", "12345", "4.00 ± 0.20", "2.5"]]
     with shown_in(units_of("in, in/s")):
-        (found,) = Grid.stated("stops", rows, 0, ["speed", "reach"])
+        (found,) = Grid.of("stops", rows, "speed; reach {.1g}")
     assert found.headings == ["speed (in/s)", "reach (in)"]
     assert found.rows == [["98.43", "0.1575 ± 0.0077"]]
-    assert Grid.stated("stops", [(Shown("lower", 1),)])[0].rows == [["lower", "1", "-", "-"]]
-    assert Grid.stated("stops", []) == []
+    assert Grid.of("stops", [(Shown("lower", 1),)])[0].rows == [["lower", "1"]]
+    assert Grid.of("stops", []) == []
+
+
+def test_columns_are_described_by_heading_name_and_form() -> None:
+    rows = [{"clearance": 0.004, "share": 0.25, "by": "bursts", "gap": "fixed", "rate": None}]
+    columns = "place = clearance {length}; share {percent}; by {way}; gap {length}; twice {1/h}"
+    (found,) = Grid.of("places", rows, f"{columns}; rate", twice=lambda row: row["share"])
+    assert found.headings == ["place (mm)", "share", "by", "gap (mm)", "twice (1/h)"]
+    assert found.rows == [["4.000", "25 %", "clusters", "fixed", "900"]]
+    with pytest.raises(AttributeError, match="no part of a row has speed"):
+        Grid.of("places", rows, "speed")
 
 
 def test_a_view_of_nothing_is_noticed() -> None:
-    with pytest.raises(AttributeError):
-        function_of("pictures:nothing_told")
+    with pytest.raises(KeyError):
+        function_of("pictures", "nothing_told")
     with pytest.raises(NotImplementedError, match="no picture of int"):
         view_of(1)

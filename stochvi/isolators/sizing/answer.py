@@ -798,6 +798,11 @@ class Sizing(ClearanceAnswer):
     in_document: ClassVar = {"by": "method"}
     sometimes = (*OF_ONE, *OF_SEVERAL)
 
+    @property
+    def omitted(self) -> Sequence[str]:
+        """What the document leaves out: the evidence of the other way to size."""
+        return OF_ONE if self.several else OF_SEVERAL
+
     target: Target
     mission: float
     pairs: DataFrame = kept_table()
@@ -1017,8 +1022,6 @@ class Sizing(ClearanceAnswer):
 
     def _document(self) -> dict[str, Any]:
         found = super()._document()
-        for name in OF_ONE if self.several else OF_SEVERAL:
-            del found[name]
         own: dict[str, Any] = {"three_sigma": Probability.of(self.three_sigma.probability)}
         if not self.several:
             own = {"clearance_in_sigma": self.clearance.value / self.sigma, "gap": self.gap}

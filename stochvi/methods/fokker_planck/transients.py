@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from stochvi.mathematics.impact_rates import normal_density, rice_rate
 from stochvi.mathematics.numerics import Array
 from stochvi.mathematics.spectra import step_covariance, transition
+from stochvi.mathematics.units import RATE, TIME
 from stochvi.methods.fokker_planck.basis import ErrorMargins, Mesh, boxes_of
 from stochvi.methods.fokker_planck.density import accurate, in_pairs
 from stochvi.methods.fokker_planck.in_time import (
@@ -52,7 +53,7 @@ from stochvi.model.scales import SLOW_IMPACTS, default_thresholds
 from stochvi.results.base import DataFrame, Result, frame_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
-from stochvi.results.estimates import Cost, Estimate, format_with_error, provenance
+from stochvi.results.estimates import Cost, Estimate, plus_minus, provenance
 from stochvi.sampling.calculations import calculation
 from stochvi.scenes.scene import Scene
 
@@ -236,14 +237,14 @@ class FirstPassage(Result):
         """The barriers by their sides, m."""
         return {"lower": self.lower, "upper": self.upper}
 
-    def __repr__(self) -> str:
-        lines = [
-            f"  P(before {time:g} s) = {format_with_error(estimate.value, 0.0)}"
-            for time, estimate in zip(self.times, self.probability, strict=True)
+    def summary(self) -> str:
+        """The mean time to the passage, and its rates."""
+        told = [
+            f"mean time to the first passage {plus_minus(self.mean_time, TIME, 7)} {TIME}",
+            f"rate in the end {plus_minus(self.decay_rate, RATE, 7)} {RATE}",
         ]
-        lines.append(f"  mean time = {self.mean_time.value:.9g} s")
-        lines.append(f"  decay rate = {self.decay_rate.value:.9g} 1/s")
-        return "\n".join([f"<{self.method}", *lines]) + ">"
+        known = [] if self.rice_rate is None else [f"Rice {RATE.text(self.rice_rate.value)}"]
+        return "; ".join([*told, *known])
 
 
 @calculation
@@ -648,10 +649,9 @@ class Transient(Result):
         columns |= {f"{name}_bias": column for name, column in self.errors._asdict().items()}
         return frame_of(columns)
 
-    def __repr__(self) -> str:
-        ends = ", ".join(f"{moment:g}" for moment in self.times[:3])
-        more = ", ..." if len(self.times) > 3 else ""
-        return f"<{self.method} at {ends}{more} s>"
+    def summary(self) -> str:
+        """The times."""
+        return f"{len(self.times)} times from {TIME.span(min(self.times), max(self.times))}"
 
 
 class _State(NamedTuple):

@@ -29,7 +29,7 @@ from stochvi.methods.periodic.sine_response import (
     varied,
 )
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import DataFrame, Result, frame_of, stacked, stated
+from stochvi.results.base import DataFrame, Result, frame_by, frame_of, stacked, stated
 from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
@@ -625,21 +625,15 @@ class Basins(Result):
 
     def table(self) -> DataFrame:
         """One row for each regime."""
-        rows = []
-        for regime in self.regimes:
-            rate = regime.lyapunov
-            rows.append(
-                {
-                    "regime": regime.name,
-                    "kind": regime.kind,
-                    "share": regime.share,
-                    "impact_speed_max": regime.impact_speed_max,
-                    "multiplier": math.nan if regime.multiplier is None else regime.multiplier,
-                    "lyapunov": -math.inf if rate is None else rate.value,
-                    "lyapunov_error": 0.0 if rate is None else rate.standard_error,
-                }
+        rates = [regime.lyapunov for regime in self.regimes]
+        return (
+            frame_by(self.regimes, "name kind share impact_speed_max multiplier")
+            .assign(
+                lyapunov=[-math.inf if rate is None else rate.value for rate in rates],
+                lyapunov_error=[0.0 if rate is None else rate.standard_error for rate in rates],
             )
-        return frame_of(rows)
+            .rename(columns={"name": "regime"})
+        )
 
     def _shown(self) -> DataFrame:
         return self.table()

@@ -101,7 +101,12 @@ class Branch:
         "stops", "value", "amplitude", "acceleration_max", "phase", "displacement", "velocity",
         "names",
     )  # fmt: skip
-    only_if_known = ("value",)
+    sometimes = ("value",)
+
+    @property
+    def omitted(self) -> Sequence[str]:
+        """What the document of this branch leaves out."""
+        return () if len(self.varied) else self.sometimes
 
     form: str
     stops: tuple[str, ...]

@@ -208,14 +208,16 @@ class SpectrumValues:
         found = np.array([reach(GAUSSIAN_95, [error], [bias]) for error, bias in rows])
         return np.where(np.isnan(self.value), np.nan, found.reshape(self.value.shape))
 
+    def at(self, place: Any) -> Estimate:
+        """The value at a place."""
+        value, error, bias = (
+            float(each[place]) for each in (self.value, self.standard_error, self.bias)
+        )
+        return Estimate(value=value, standard_error=error, bias=bias)
+
     def estimates(self) -> list[Estimate]:
         """The values one by one."""
-        return [
-            Estimate(value=float(value), standard_error=float(error), bias=float(bias))
-            for value, error, bias in zip(
-                self.value.flat, self.standard_error.flat, self.bias.flat, strict=True
-            )
-        ]
+        return [self.at(place) for place in np.ndindex(self.value.shape)]
 
 
 def ratio_of(above: SpectrumValues, below: SpectrumValues) -> SpectrumValues:

@@ -11,12 +11,31 @@ import numpy as np
 import scipy
 
 from stochvi.mathematics.numerics import Vector
+from stochvi.mathematics.units import readable, spoken_mission
 from stochvi.mathematics.unsteady_noise import RandomLevel
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import DataFrame, Named, Result, frame_of, in_three_columns
+from stochvi.results.base import (
+    DataFrame,
+    Named,
+    Result,
+    frame_by,
+    frame_of,
+    in_three_columns,
+    unit_of_limit,
+)
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.estimates import (
+    NEAR_ONE,
+    Cost,
+    Estimate,
+    capital,
+    chance_of,
+    count_of,
+    over_percent,
+    provenance,
+    spoken_percent,
+)
 from stochvi.sampling.run import Run
 from stochvi.scenes.phases import Phase, bias_of_steps, steps_of_bands
 from stochvi.scenes.scene import Scene
@@ -87,6 +106,40 @@ class Chance:
             return None
         return self.seconds_per_mission * p * (1.0 - p) / error**2
 
+    @property
+    def words(self) -> str:
+        """The event with its limit."""
+        if self.limit is None:
+            return EVENTS[self.event]
+        return f"{EVENTS[self.event]} {readable(unit_of_limit(self.event)).text(self.limit)}"
+
+    @property
+    def likely(self) -> str:
+        """The probability in words: near 1 the number that it exceeds, and its upper limit where
+        the event was never seen."""
+        value = self.estimate.value
+        if value > NEAR_ONE:
+            return over_percent(self.lower) if self.lower >= SURELY else "hardly known"
+        limit = None if value > 0.0 else self.upper
+        return chance_of(Estimate(value=value, upper_95=limit))
+
+    @property
+    def interval(self) -> str:
+        """The interval in words, with its level."""
+        low = spoken_percent(self.lower) if self.lower > 0.0 else "0"
+        return f"{low} to {spoken_percent(self.upper)}, {100.0 * self.confidence:g} %"
+
+
+EVENTS = {
+    "hit": "an impact", "passage": "a passage of the barrier",
+    "impact_speed": "an impact faster than", "peak_acceleration": "a peak acceleration above",
+}  # fmt: skip
+"""Events of a mission in words."""
+
+SURELY = 0.9
+"""Lower end of an interval that reaches to 1, from which on "over" and that end are told; where it
+is lower the probability is hardly known."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PairRisk:
@@ -110,10 +163,6 @@ class PairRisk:
     impact_speed_mean: Estimate | None = None
 
 
-OF_A_CHANCE = ("lower", "upper", "way", "trials", "seconds", "crude_seconds")
-"""Fields of a probability that are columns of the table."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Reliability(Result):
     """The risk of a mission: `chances` by event, and `hits`, the expected number of impacts.
@@ -132,7 +181,7 @@ class Reliability(Result):
     in_document: ClassVar = {
         "no_hit": "no_hit", "expected_hits": "hits", "expected_hits_interval": "hits_interval",
     }  # fmt: skip
-    only_if_known = ("pairs", "outputs", "phases")
+    sometimes = ("pairs", "outputs", "phases")
 
     mission: float
     start: str
@@ -169,45 +218,39 @@ class Reliability(Result):
 
     def to_frame(self) -> DataFrame:
         """A row per probability."""
-        return frame_of(
-            {
-                "event": chance.event,
-                "limit": chance.limit,
-                "probability": chance.estimate.value,
-                "standard_error": chance.estimate.standard_error,
-                "bias": chance.estimate.bias,
-                **{name: getattr(chance, name) for name in OF_A_CHANCE},
-            }
-            for chance in self.chances.values()
-        )
+        own = "estimate.value estimate.standard_error estimate.bias"
+        names = f"event limit {own} lower upper way trials seconds crude_seconds"
+        table = frame_by(self.chances.values(), names)
+        found = {str(name): str(name).removeprefix("estimate.") for name in table}
+        return table.rename(columns=found | {"estimate.value": "probability"})
 
     def _shown(self) -> DataFrame:
         names = {"event": "quantity", "probability": "value", "way": "how"}
         return frame_of(in_three_columns(self.to_frame().rename(columns=names).assign(unit="1")))
 
-    def __repr__(self) -> str:
-        percent = f"{100.0 * self.confidence:g} %"
-        found = {*self.chances} | (set() if self.hits is None else {"expected_hits"})
-        lines = [
-            f"  P({name}) at most {chance.upper:.4g} in {self.mission:g} s ({percent}) "
-            f"[{chance.way}]"
-            if chance.estimate.value == 0.0
-            else f"  P({name}) = {chance.estimate.value:.4g} in {self.mission:g} s, "
-            f"{percent}: {chance.lower:.4g} to {chance.upper:.4g} [{chance.way}]"
-            for name, chance in self.chances.items()
-        ]
-        if self.hits is not None:
-            lines.append(f"  expected impacts = {self.hits!r}")
-        lines += [
-            f"  {name} alone: {risk.probability.value:.4g}, "
-            f"{100.0 * risk.share_of_first_hits:.3g} % of first impacts"
-            for name, risk in self.pairs.items()
-        ]
-        lines += [
-            f"  {name}: {'not accurate' if name in found else 'not found'}: {why}"
-            for name, why in self.missing.items()
-        ]
-        return "\n".join([f"<{self.method}", *lines]) + ">"
+    def verdict(self) -> str:
+        """The probabilities with their intervals, and what was not found."""
+        mission, told = spoken_mission(self.mission), []
+        for each in self.chances.values():
+            likely = f"{each.likely} likely" if "%" in each.likely else each.likely
+            told.append(f"{each.words} in {mission}: {likely} ({each.interval})")
+        for name, why in self.missing.items():
+            what = "not accurate" if name in self.chances else "not found"
+            told.append(f"{name.replace('_', ' ')}: {what}, {why}")
+        return " ".join(f"{capital(each)}." for each in told)
+
+    def summary(self) -> str:
+        """The verdict, and the expected impacts."""
+        mission = spoken_mission(self.mission)
+        hits = f" Expected impacts in {mission}: {self.hits_in_words()}."
+        return self.verdict() + (hits if self.hits is not None else "")
+
+    def hits_in_words(self) -> str:
+        """The expected impacts of the mission with their interval."""
+        if self.hits is None:
+            return "not known"
+        own = "" if self.hits_interval is None else " to ".join(map(count_of, self.hits_interval))
+        return f"{count_of(self.hits.value)}{own and f' ({own})'}"
 
 
 # ------------------------------------------------------------------------------

@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,9 +13,8 @@ import numpy as np
 from stochvi.isolators.sizing.answer import ClearanceAnswer, DamageSizing, MissionSizing
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import ACCELERATION, DENSITY, spoken_mission
-from stochvi.results.base import plain
 from stochvi.results.estimates import spoken_percent
-from stochvi.results.files import Origin, origin_of
+from stochvi.results.files import Origin
 from stochvi.scenes.phases import Phase
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Isolator
@@ -40,7 +38,6 @@ from stochvi.views.pages import (
     Section,
     page_of,
     shown,
-    write_page,
 )
 from stochvi.views.report.sections import (
     clearance_cards,
@@ -51,10 +48,6 @@ from stochvi.views.report.sections import (
 from stochvi.views.schematic import draw_problem, draw_shapes, has_shape
 from stochvi.views.statistics import (
     STARTS,
-    chance_of,
-    event_in_words,
-    hits_of_mission,
-    interval_of,
     reliability_told,
 )
 from stochvi.views.tables import (
@@ -77,14 +70,6 @@ if TYPE_CHECKING:
 # ------------------------------------------------------------------------------
 # The report of a clearance for all phases of a mission, or for a ratio of damage.
 # ------------------------------------------------------------------------------
-
-
-def write_clearance_report(
-    found: ClearanceAnswer, folder: str | Path, origin: Origin | None = None
-) -> Path:
-    """Write `report.html` and `size.json`, its numbers; returns the path of the page."""
-    page = clearance_page(found, origin or origin_of(found.provenance))
-    return write_page(page, found.to_dict(), "size", Path(folder))
 
 
 def clearance_page(found: ClearanceAnswer, origin: Origin) -> Page:
@@ -231,19 +216,6 @@ def _stops(found: ClearanceAnswer) -> Section:
 # Reliability ------------------------------------------------------------------------------
 
 
-def write_reliability_report(
-    found: Reliability, folder: str | Path, origin: Origin | None = None, *, scene: Scene,
-    hung: SceneAtRest, record: RecordVerdict | None = None, production: Production | None = None,
-) -> Path:  # fmt: skip
-    """Write `report.html` and `reliability.json`, its numbers; returns the path of the page. The
-    risk of a production whose units differ may stand beside."""
-    origin = origin or origin_of(found.provenance)
-    page = reliability_page(found, scene, hung, record, origin, production)
-    beside = {"record": record, "production": production}
-    document = found.to_dict() | {k: plain(each) for k, each in beside.items() if each is not None}
-    return write_page(page, document, "reliability", Path(folder))
-
-
 def reliability_page(
     found: Reliability, scene: Scene, hung: SceneAtRest, record: RecordVerdict | None,
     origin: Origin, production: Production | None = None,
@@ -257,14 +229,14 @@ def reliability_page(
         lines = [*alarm.statements, record.sentence(), told.verdict, *told.statements]
         told = replace(told, verdict=alarm.verdict, statements=lines, alarm=True)
     cards = [
-        Fact(f"Probability of {event_in_words(c)}", chance_of(c), f"{interval_of(c)}{noise}")
+        Fact(f"Probability of {c.words}", c.likely, f"{c.interval}{noise}")
         for c in found.chances.values()
     ]
     return page_of(
         told,
         scene.title or "Reliability of a mission",
         f"Probabilities in a mission of {mission}, from {STARTS[found.start]}",
-        [*own, *cards, Fact("Expected impacts", hits_of_mission(found), f"in {mission}")],
+        [*own, *cards, Fact("Expected impacts", found.hits_in_words(), f"in {mission}")],
         origin,
         [production_section(production), _scene_section(scene, hung)],
         OF_ONE_MOUNT if isinstance(scene.structure, Isolator) else (),
@@ -317,16 +289,6 @@ def _scene_section(scene: Scene, hung: SceneAtRest) -> Section:
 
 
 # Replay -----------------------------------------------------------------------------------
-
-
-def write_replay_report(
-    found: Replay, folder: str | Path, origin: Origin | None = None, *, scene: Scene,
-    hung: SceneAtRest, record: RecordVerdict | None = None,
-) -> Path:  # fmt: skip
-    """Write `report.html` and `replay.json`, its numbers; returns the path of the page."""
-    page = replay_page(found, scene, hung, record, origin or origin_of(found.provenance))
-    document = found.to_dict() | ({} if record is None else {"record": plain(record)})
-    return write_page(page, document, "replay", Path(folder))
 
 
 def replay_page(

@@ -15,6 +15,7 @@ from stochvi.isolators.sizing.answer import (
     sides_in_words,
 )
 from stochvi.mathematics.units import ACCELERATION, LENGTH, SPEED, spoken_mission
+from stochvi.results.base import rows_of
 from stochvi.results.estimates import spoken_percent
 from stochvi.scenes.excitations import Excitation
 from stochvi.scenes.excitations.base import BASE, DensityNoise
@@ -27,8 +28,6 @@ from stochvi.views.pages import Fact, Grid, Section, shown
 from stochvi.views.schematic import (
     draw_gaps,
     draw_problem,
-    modes_in_rows,
-    one_axis_in_rows,
     plot_box,
 )
 from stochvi.views.sizing import plot_input
@@ -37,6 +36,7 @@ from stochvi.views.tables import (
     equilibrium_in_words,
     hit_in_words,
     limits_of,
+    modes_in_rows,
     spoken_length,
 )
 
@@ -387,8 +387,15 @@ def box_sections(sizing: Sizing) -> list[Section]:
             "along each axis would give. The probability there is that of an impact on this "
             "snubber alone, by Rice's rate for its gap on the real box.",
             grids=[
-                Grid.of("Snubber by snubber, against one oscillator", one_axis_in_rows(sizing)),
-                Grid.of("Natural modes without stops", modes_in_rows(sizing.box)),
+                *Grid.of(
+                    "Snubber by snubber, against one oscillator",
+                    rows_of(sizing.box, "pairs"),
+                    "pair; clearance = made {length}; hit there = chance_at_one_axis {likely}; "
+                    "3 sigma of one axis = one_axis_three_sigma {length}; "
+                    "hit as the scene stands = chance_as_given {likely}",
+                    made=lambda row: getattr(sizing.clearances.get(row["pair"]), "value", "fixed"),
+                ),
+                *Grid.of("Natural modes without stops", modes_in_rows(sizing.box.modes), words=0),
             ],
             pictures=[
                 shown(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -12,7 +12,6 @@ from stochvi.mathematics.units import (
     ACCELERATION,
     FORCE,
     LENGTH,
-    MILLISECONDS,
     PERCENT,
     RATE,
     SPEED,
@@ -20,9 +19,9 @@ from stochvi.mathematics.units import (
     Size,
     spoken_mission,
 )
-from stochvi.results.base import DataFrame, Response, is_speed, named_with_units, plain, stacked
-from stochvi.results.estimates import GAUSSIAN_95, count_of, spoken_percent
-from stochvi.results.files import Origin, origin_of
+from stochvi.results.base import DataFrame, Response, is_speed, named_with_units, stacked
+from stochvi.results.estimates import Estimate, count_of, spoken_percent
+from stochvi.results.files import Origin
 from stochvi.views.files import try_picture, write_table
 from stochvi.views.isolator_tables import screening_section, sizing_told
 from stochvi.views.pages import (
@@ -32,9 +31,7 @@ from stochvi.views.pages import (
     Picture,
     Section,
     page_of,
-    records,
     shown,
-    write_page,
 )
 from stochvi.views.report.sections import (
     box_sections,
@@ -204,24 +201,13 @@ def _percentiles(motion: MotionBetweenStops) -> list[Grid]:
         return []
     compliant = "peak_acceleration" in motion.impacts
     peaks = "; peaks by mount and stop together, the base at rest meanwhile, harder side"
-    grids = Grid.by(
-        f"impacts with stops at 3 sigma, {count_of(motion.hits)} of them"
-        + (peaks if compliant else ""),
-        {
-            "share of impacts slower than it": lambda row: f"{row['percentile']:g} %",
-            f"impact speed ({SPEED})": _digits("impact_speed", SPEED),
-            f"peak acceleration ({ACCELERATION})": _digits("peak_acceleration", ACCELERATION),
-            f"deflection ({LENGTH})": _digits("deflection", LENGTH),
-            f"contact ({MILLISECONDS})": _digits("contact_time", MILLISECONDS),
-        },
-        records(motion.impacts),
+    felt = "; peak_acceleration {.3g}; deflection {m .3g}; contact = contact_time {ms .3g}"
+    return Grid.of(
+        f"impacts with stops at 3 sigma, {count_of(motion.hits)} of them{peaks * compliant}",
+        motion.impacts,
+        f"share of impacts slower than it = slower; impact_speed {{.3g}}{felt * compliant}",
+        slower=lambda row: f"{row['percentile']:g} %",
     )
-    return [grid.known() for grid in grids]
-
-
-def _digits(name: str, quantity: ShownQuantity) -> Callable[[Mapping[str, Any]], str | None]:
-    """The cell with three digits of a column that not every table has."""
-    return lambda row: f"{quantity(row[name]):.3g}" if name in row else None
 
 
 def hard_hits_section(review: Review) -> Section:
@@ -269,20 +255,16 @@ def peaks_section(review: Review) -> Section:
     own = table[table["stiffness_ratio"].isna()]
     names = names_of_places(review.sizing).values()
     largest = f"largest in {review.peak_window:g} s"
-    grids = Grid.by(
+    grids = Grid.of(
         "absolute acceleration with the forces of the stops. Largest: mean over windows "
         f"of {review.peak_window:g} s; probabilities of the largest of the mission stand above",
-        {
-            "stops at": lambda name, _: name,
-            f"clearance ({LENGTH})": lambda _, row: four_digits(LENGTH(row["clearance"])),
-            f"rms ({ACCELERATION})": lambda _, row: _with_half(row, "acceleration_rms", ".4g"),
-            "rms over that without stops": lambda _, row: f"{row['rms_amplification']:.3f}",
-            f"{largest} ({ACCELERATION})": lambda _, row: _with_half(
-                row, "largest_acceleration", ".3g"
-            ),
-            "largest over that without stops": lambda _, row: f"{row['peak_amplification']:.3g}",
-        },
         zip(names, own.to_dict("records"), strict=True),
+        "stops at = name; clearance {length}; rms = rms {m/s^2}; "
+        "rms over that without stops = rms_amplification {.3f}; "
+        f"{largest} = largest {{m/s^2}}; "
+        "largest over that without stops = peak_amplification {.3g}",
+        rms=lambda _, row: _with_error(row, "acceleration_rms"),
+        largest=lambda _, row: _with_error(row, "largest_acceleration"),
     )
     missing = int((table["windows"] == 0.0).sum())
     pictures = []
@@ -308,10 +290,9 @@ def peaks_section(review: Review) -> Section:
     )
 
 
-def _with_half(row: Mapping[str, Any], name: str, form: str) -> str:
-    """An acceleration with half of its 95 % interval."""
-    half = ACCELERATION(GAUSSIAN_95 * row[f"{name}_error"])
-    return f"{ACCELERATION(row[name]):{form}} ± {half:.1g}"
+def _with_error(row: Mapping[str, Any], name: str) -> Estimate:
+    """An acceleration with its standard error."""
+    return Estimate(value=row[name], standard_error=row[f"{name}_error"])
 
 
 # ------------------------------------------------------------------------------
@@ -320,41 +301,15 @@ def _with_half(row: Mapping[str, Any], name: str, form: str) -> str:
 # ------------------------------------------------------------------------------
 
 
-def write_report(
-    sizing: Sizing,
-    folder: str | Path,
-    origin: Origin | None = None,
-    *,
-    review: Review | None = None,
+def write_sizing_files(
+    sizing: Sizing, folder: Path, review: Review | None = None,
     sensitivity: DataFrame | None = None,
-) -> Path:
-    """Write `report.html`, and its numbers and tables as files; returns the path of the page.
-
-    The page needs no other file: pictures and style are embedded, and nothing is fetched.
-    `size.json` holds every number of the page, and the CSV files hold its tables, in SI units that
-    stand in the names of the columns.
-
-    Parameters
-    ----------
-    sizing
-        The answer of `size`.
-    folder
-        Folder for the files; it is made if it is missing.
-    origin
-        When, how and from what the page was made; by default a call from Python.
-    review
-        The answer of `review`, for one mass.
-    sensitivity
-        The answer of `sensitivity`; the sections on it are left out without one.
-    """
-    folder = Path(folder)
+) -> None:  # fmt: skip
+    """Write the picture of the risk, and the tables of a page as CSV files; the names of their
+    columns state SI units."""
     # this picture comes first, since those of the page may be left out for want of time
     draw = draw_pairs_risk if sizing.several else draw_sizing
     try_picture(lambda: draw(sizing, sizing.scene.title), folder / "risk.png")
-    page = sizing_page(sizing, origin or origin_of(sizing.provenance), review, sensitivity)
-    document = sizing.to_dict() if review is None else review.to_dict()
-    added = {} if sensitivity is None else {"sensitivity": plain(sensitivity)}
-    path = write_page(page, document | added, "size", folder)
     several = sizing.several
     tables = {
         "risk": sizing.curve,
@@ -371,7 +326,6 @@ def write_report(
     for name, table in tables.items():
         if table is not None:
             write_table(named_with_units(table), folder / f"{name}.csv", lengths)
-    return path
 
 
 def _evidence_table(sizing: Sizing) -> DataFrame | None:

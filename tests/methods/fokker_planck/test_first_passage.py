@@ -516,7 +516,7 @@ def test_the_document_is_plain_and_complete() -> None:
     assert document["barriers"] == {"lower": -1.0, "upper": None}
     assert len(document["probability"]) == len(found.to_frame()) == 2
     assert document["mean_time"]["value"] == found.mean_time.value
-    assert "P(before 2 s)" in repr(found)
+    assert repr(found).startswith("FirstPassage: mean time to the first passage ")
 
 
 NO_STOPS = lightly_damped()
@@ -1001,7 +1001,7 @@ def test_the_document_is_plain_and_complete_transients() -> None:
     assert document["method"] == "transient"
     assert set(document["values"]) == set(document["errors"]) == set(Moments._fields)
     assert len(found.to_frame()) == len(document["times"]) == 2
-    assert repr(found) == "<transient at 0.1, 5 s>"
+    assert repr(found) == "Transient: 2 times from 0.1 to 5 s"
 
 
 @pytest.mark.parametrize(
