@@ -87,7 +87,8 @@ PROBE = 1e-4
 """Share of a step over which an acceleration is differenced."""
 
 ASIDE = 1e-6
-"""Change of a state over which a step and an edge are differenced to turn perturbations."""
+"""Change of a state, relative to its size above 1, over which a step and an edge are differenced to
+turn perturbations: of a smaller one rounding would be felt at folds of lightly damped motions."""
 
 SUDDEN = 1e-9
 """Change of a rate by an event, relative to its size, above which it is no rounding."""
@@ -323,10 +324,10 @@ def rates_of(system, modes, y, phase, work, out):
 def put_aside(y, way, side, out):
     """Write a state beside y in a direction; returns the half of the distance between both sides,
     in lengths of the direction."""
-    largest = 0.0
+    largest, size = 0.0, 1.0
     for i in range(len(y)):
-        largest = max(largest, abs(way[i]))
-    change = ASIDE / max(largest, 1e-300)
+        largest, size = max(largest, abs(way[i])), max(size, abs(y[i]))
+    change = ASIDE * size / max(largest, 1e-300)
     for i in range(len(y)):
         out[i] = y[i] + side * change * way[i]
     return change
