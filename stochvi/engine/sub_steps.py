@@ -513,15 +513,16 @@ def advance_contacts(kind, memory, low, high, numbers):
         at_start, at_half = force(law, y, v), force(law, y_half, v_half)
         at_end = force(law, y_end, v_end)
         pushed = on * h * (share_above_zero(at_start, at_half, at_end) if lossy else 1.0)
-        last = on * max(at_end, 0.0)
-        if lossy:
-            inner = parabola_maximum(f0, on * max(at_half, 0.0), last)
-        else:  # the force is largest where the mass turns back
-            turns = (v > 0.0) & (v_end < 0.0)
-            s = v / (v - v_end) if turns else 0.0
-            top = y + s * (h * v + s * (3.0 - 2.0 * s) * (y_end - y - h * v))
-            top += s * s * (s - 1.0) * h * (v_end - v)
-            inner = on * max(force(law, top, 0.0), 0.0)
+        centre, last = on * max(at_half, 0.0), on * max(at_end, 0.0)
+        slope, bend = 4.0 * centre - 3.0 * f0 - last, 2.0 * (f0 + last) - 4.0 * centre
+        within = (bend < 0.0) & (slope > 0.0) & (slope < -2.0 * bend)
+        inner = f0 - 0.25 * slope * slope / bend if within else 0.0
+        # the force of a stop that loses nothing is largest where the mass turns back
+        turns = (v > 0.0) & (v_end < 0.0)
+        s = v / (v - v_end) if turns else 0.0
+        top = y + s * (h * v + s * (3.0 - 2.0 * s) * (y_end - y - h * v))
+        top += s * s * (s - 1.0) * h * (v_end - v)
+        inner = inner if lossy else on * max(force(law, top, 0.0), 0.0)
         peak = max(max(f0, last), inner)
         # the parabola of the push, which the structure feels, times the cubic of the rate
         work = f0 * (11.0 * v + h * a0 - v_end) + f3 * (11.0 * v_end - h * a3 - v)

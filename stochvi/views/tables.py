@@ -114,9 +114,7 @@ def methods_table(responses: Sequence[Response]) -> list[dict[str, str]]:
 
 UNKNOWN = "not known"
 
-WITHOUT_TOLERANCES = (
-    "Not included: tolerances (--tolerances usual), usually 1.7 to 2 times as much"
-)
+WITHOUT_TOLERANCES = "Not included: tolerances (--tolerances usual), usually 1.7 to 2 times as much"
 """Sentence of an answer whose clearance holds no tolerances."""
 
 OF_ONE_MOUNT = (

@@ -214,8 +214,8 @@ def judgement_told(verdict: Judgement) -> Told:
     table = Grid.of(
         "judged against the known answer",
         verdict.findings,
-        "quantity; truth; found = value; off by (%) = off; visible (%) = visible_percent {.2g};"
-        "{.1e}; verdict",
+        "quantity; truth; found = value; off by (%) = off; visible (%) = visible_percent "
+        "{.2g}; verdict",
         ("quantity", "verdict"),
         [k for k, row in enumerate(verdict.findings) if row in verdict.failures],
         truth=lambda row: f"{row.truth:.6g} {row.unit}",
