@@ -49,6 +49,7 @@ from stochvi.methods.monte_carlo.plan import (
     Statistic,
     SteppedPlan,
     Underway,
+    bias_of_fast_impacts,
     bias_of_lasting_contact,
     bias_of_plain_step,
     bias_of_refined_step,
@@ -92,7 +93,7 @@ from stochvi.model.scales import (
 )
 from stochvi.results.errors import NotApplicable
 from stochvi.sampling.calculations import check_flag, stop_flag
-from stochvi.scenes.impact_laws import CompliantLaw
+from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
 
 LARGEST_ANGLE = 0.4
 """Largest omega h of a step (rad) for the fastest mode or signal, if any step is free of bias: the
@@ -428,6 +429,9 @@ class ModalPlan(SteppedPlan):
             return bias_of_lasting_contact(difference)
         if not kicked or not self.model.stops:
             return bias_of_smooth_motion(difference)
+        if name == "peak_force" and any(isinstance(s.law, Viscoelastic) for s in self.model.stops):
+            # the force of a damper follows the rate, whose peaks noise makes between kicks
+            return bias_of_fast_impacts(difference, 0.0)
         if self.slow_impacts and not pressed:
             return bias_of_refined_step(name, difference, lossiest(self.model))
         return bias_of_plain_step(name, difference, lossiest(self.model), not pressed)
