@@ -175,7 +175,8 @@ def _column(
         described = match.group(1) or "", match[2], match[3] or ""
     heading, name, form = described
     stated = next((each for part in first if (each := _stated(part).get(name))), None)
-    stated = stated or Stated(name.replace("_", " "), unit_of_column(name) or "")
+    words = name if "." in name else name.replace("_", " ")  # a key stays as it is written
+    stated = stated or Stated(words, unit_of_column(name) or "")
     digits = next((word for word in form.split() if word[0] in "#+."), ".4g")
     unit = form.replace(digits, "").strip() or ("" if name in own else stated.unit)
     quantity = SHOWN.get(unit) or (NUMBER if unit in FORMS else readable(unit))
