@@ -167,16 +167,9 @@ def known_contacts(
     for upper in np.flatnonzero(~stops.rigid[0]):
         found = np.empty((touches.size, QUANTITIES))
         integrate_touches(
-            touches.ravel(),
-            int(upper),
-            span,
-            square,
-            FINER * fastest,
-            stops,
-            laws,
-            responses,
+            touches.ravel(), int(upper), span, square, FINER * fastest, stops, laws, responses,
             found,
-        )
+        )  # fmt: skip
         if not stops.lossy[0, upper]:
             found[:, REBOUND] = np.where(np.isfinite(found[:, REBOUND]), 1.0, np.nan)
         found = found.reshape(CELLS, len(tried), QUANTITIES)

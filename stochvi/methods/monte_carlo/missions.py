@@ -211,10 +211,8 @@ class MissionPlan:
             if counts.all() or not counts.any():
                 steps += self._fly(flying, level, event, bool(counts[0]))
             else:
-                for paths, which in (
-                    (np.flatnonzero(~counts), False),
-                    (np.flatnonzero(counts), True),
-                ):
+                for which in (False, True):
+                    paths = np.flatnonzero(counts == which)
                     part = flying.chosen(paths)
                     steps += self._fly(part, level, event, which)
                     flying.put(paths, part)
@@ -223,9 +221,8 @@ class MissionPlan:
     def _fly(self, part: Fleet, level: float, event: Event, counts: bool) -> int:
         """Simulate paths on, in place, for TOGETHER steps at most, all of which are counted or
         before those that are; returns the number of steps made."""
-        plan, most = (
-            (self.plan, part.left) if counts else (self.plan_before, part.left - self.counted)
-        )
+        plan = self.plan if counts else self.plan_before
+        most = part.left - (0 if counts else self.counted)
         beyond = np.zeros(len(part.left), bool)
         if event.kind == "passage" and counts:
             y, (lower, upper) = self.plan.gaps_of(part.state)[0], self.plan.places[0]
@@ -340,14 +337,13 @@ def _plan(
              f"{MOST_STEPS:.0g} are made: ask for a shorter mission"],
         )  # fmt: skip
     counted = max(LEAST_STEPS, math.ceil(mission / step))
-    settling = climb = base.burn_in if start == "stationary" else 0.0
-    relaxation = base.burn_in / RELAXATIONS
+    climb = settling = 0.0
     if start == "stationary":
-        climb = CLIMB_RELAXATIONS * relaxation
-        climb = min(climb, max(mission, SHORT_CLIMB * relaxation)) if mission < climb else climb
+        relaxation = base.burn_in / RELAXATIONS
+        climb = min(CLIMB_RELAXATIONS * relaxation, max(mission, SHORT_CLIMB * relaxation))
+        # without stops the start is drawn from the stationary distribution
+        settling = 0.0 if event.kind == "passage" else base.burn_in - climb
     before = math.ceil(climb * counted / mission)
-    # without stops the start is drawn from the stationary distribution
-    settling = 0.0 if event.kind == "passage" else max(settling - climb, 0.0)
     return MissionPlan(
         base=base, event=event, start=start, mission=mission, counted=counted, before=before,
         settled=math.ceil(settling * counted / mission),
