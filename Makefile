@@ -2,7 +2,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: demo test slow everywhere lowest clocks verify distributed lint docs studies bench clean
+.PHONY: demo test slow everywhere lowest clocks verify verify-tenth distributed lint docs studies bench clean
 
 demo: .venv/test-installed
 	$(BIN)/stochvi demo --out out
@@ -29,6 +29,10 @@ clocks: .venv/test-installed
 
 verify: .venv/test-installed
 	$(BIN)/python -m pytest -n auto --dist worksteal -m verify
+
+# the tenth of it that was run longest ago; tests/verify_log.csv, to be committed, says which
+verify-tenth: .venv/test-installed
+	$(BIN)/python .ci/verify_tenth.py --log
 
 distributed: .venv/test-installed .venv/distributed-installed
 	$(BIN)/python -m pytest -m "" tests/methods/monte_carlo/test_long_runs.py tests/sampling -k "dask or cluster"
