@@ -77,6 +77,7 @@ def fly(x: float, v: float, steps: int, plan: Any, flown: Flown) -> tuple[float,
     paths = plan.paths_of(state, np.ones((2, 1), np.uint64), sums)
     paths.peaks[0, 0] = flown.peaks
     plan._advance(paths, Steps(0, steps, steps))
-    flown.sums[:] += plan.of_pairs(sums)[0, :, 0]
+    counted = plan.of_pairs(sums)[0, :, 0]
+    flown.sums[: len(counted)] += counted  # no contact lasts where all stops are rigid
     flown.peaks[:] = paths.peaks[0, 0]
     return float(state[0, 0]), float(state[1, 0])

@@ -713,9 +713,9 @@ class Sizing(ClearanceAnswer):
         `impact_speed_mean` (m/s; NaN where unknown).
     curve
         For one mass, a row per clearance, from one run: `clearance` (m), `clearance_in_sigma`,
-        `rice_rate` (1/s, both sides), `first_hit_rate`, `first_hit_rate_low`, `first_hit_rate_high`
-        (1/s, the limit that the rate of first impacts tends to), `probability`, `probability_low`,
-        `probability_high` (of any impact in the mission, 95 % limits).
+        `rice_rate` (1/s, both sides), `first_hit_rate` (1/s, the limit that the rate of first
+        impacts tends to), `probability` (of any impact in the mission); the two last ones with
+        their 95 % limits under the same names and `_low`, `_high`.
 
         For a structure, a row per risk: `probability_alone` of each sized pair; the clearance of
         each sized pair under its name (m); `probability` with its limits; and `independent`, the

@@ -744,6 +744,23 @@ def test_two_stops_of_hertz_press_at_once() -> None:
     assert end == pytest.approx(integrated(scene, start, 0.0, 2.0), abs=2e-9)
 
 
+def test_a_motion_that_turns_at_a_stop_goes_on() -> None:
+    """It reaches a turning point beside the stop within rounding, and looks for no nearer one."""
+    law = Viscoelastic(stiffness=500.0, damping_ratio=0.3)
+    scene = Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        absorber=Absorber(mass=0.1, play=1.0, law=law),
+        excitations=[Sine(amplitude=0.2, frequency_hz=0.159)],
+    )
+    model = model_of(scene)
+    family = Family.of(lambda _: model, 0.1589, 0.1591, "structure")
+    finder = ContactFinder(family, np.array([0.5]), 1)
+    # the last of these turned for ever
+    starts = np.random.default_rng(1).normal(size=(274, 4))[-20:]
+    ended = [finder.flown(0.5, start, 50, factors=False) for start in starts]
+    assert all(each is not None and len(each.log) for each in ended)
+
+
 @pytest.mark.slow
 def test_stiff_stops_lead_to_rigid_ones() -> None:
     """The difference shrinks as the time of a contact, that is with the root of the stiffness."""

@@ -76,6 +76,10 @@ NEAR_TOP = 0.02
 """Distance from an edge, relative to the largest one in a step. A motion that turns nearer is
 followed to its turning point."""
 
+JUST_TURNED = 1e-7
+"""Share of a step within which a motion that turns is at its turning point already, which `landed`
+finds to a tenth of that: looked for again and again, it would hold the motion there for ever."""
+
 INSIDE = 1e-3
 """Way from an edge, in units of displacements or of a memory, over which a function is differenced
 to go straight on beyond it."""
@@ -631,9 +635,9 @@ def next_edge(starts, ends, h, passed, turned):
                 found, at, low, turn = number, time, begin, False
         elif start < 0.0 < rate and last < 0.0 and ends[number, 2] > 0.0 and number != turned:
             top = turning_time((start, end), (rate, last), h)
-            near = top > 0.0 and swing((0.0, end - start), (rate, last), h) + start > -NEAR_TOP * (
-                abs(start) + abs(end) + h * rate
-            )
+            near = top > JUST_TURNED * h and swing(
+                (0.0, end - start), (rate, last), h
+            ) + start > -NEAR_TOP * (abs(start) + abs(end) + h * rate)
             if near and (found < 0 or top < at):
                 found, at, low, turn = number, top, 0.0, True
     return found, at, low, turn
@@ -824,11 +828,14 @@ def follow(system, modes, start, phase, record, work, places):
             left -= length
             if left < 1e-13:
                 left = 0.0
-            if passed < 0:
+            if passed < 0 and length > shortest:
                 continue
+            # steps that lead nowhere are counted, too: no motion is followed for ever
             events += 1
             if events > most:
                 return -1, displacement, acceleration, 0.0
+            if passed < 0:
+                continue
             if len(delays) > 0:
                 grip = rates_of(system, modes, y, then, work, later)
                 delays_at(system, modes, passed, y, later, grip, grown, work, delays)
