@@ -515,7 +515,7 @@ def test_what_has_no_stationary_state_here_is_refused(case, slow_impacts, words)
 @pytest.mark.slow
 def test_any_flow_ends_and_keeps_its_energy_or_loses_some() -> None:
     """Gaps from a micrometre on, preloads, no spring: nothing hangs, overflows or gains energy."""
-    rng = np.random.default_rng(5)
+    rng, refused = np.random.default_rng(5), 0
     for _ in range(1000):
         centre = rng.choice([0.0, 1.0, -1.0, 30.0, -30.0])
         half = 10.0 ** rng.uniform(-6.0, 1.0)
@@ -524,8 +524,14 @@ def test_any_flow_ends_and_keeps_its_energy_or_loses_some() -> None:
         keep = rng.integers(0, 3)
         held = [stop for k, stop in enumerate(stops) if keep != k]
         x, v = centre + rng.uniform(-1.0, 1.0) * half, 10.0 ** rng.uniform(-3.0, 1.0)
-        h = 0.8 / math.sqrt(stiff) if stiff else 10.0 ** rng.uniform(-2.0, 0.0)
-        plan = still({side: (place, law) for side, place, law in held}, stiff, h, abs(v))
+        # steps as plans choose them, and some hundred touches in each
+        h = 0.25 / math.sqrt(stiff) if stiff else 10.0 ** rng.uniform(-2.0, 0.0)
+        h = min(h, 200.0 * half / abs(v))
+        try:
+            plan = still({side: (place, law) for side, place, law in held}, stiff, h, abs(v))
+        except NotApplicable:  # times lie too far apart: too many steps, or parts of one
+            refused += 1
+            continue
         flown = Flown.before()
 
         def energy(x: float, v: float, held=held, stiff=stiff) -> float:
@@ -535,13 +541,17 @@ def test_any_flow_ends_and_keeps_its_energy_or_loses_some() -> None:
         before = energy(x, v)
         x, v = fly(x, v, 3, plan, flown)
         assert math.isfinite(x) and math.isfinite(v) and np.isfinite(flown.sums).all()
-        error = 1e-9 + 3.0 * CONTACT_ERROR * any(law.kind == "hertz" for _, _, law in held)
+        # energy is twice as wrong as speed; a kink makes a contact two hundred times worse
+        contact = 0.0 if all(law.rigid for _, _, law in held) else 3.0 * CONTACT_ERROR
+        contact *= 200.0 if any(law.kind == "table" for _, _, law in held) else 1.0
+        error = 1e-6 + contact * max(1.0, flown.sums[0] + flown.sums[3])
         after = energy(x, v)
         kinds = {law.kind for _, _, law in held}
         if "viscoelastic" not in kinds:  # whose spring, once left, takes up its energy again
             assert after <= before * (1.0 + error)
         if all(law.conservative for _, _, law in held):
             assert after >= before * (1.0 - error)
+    assert refused < 100
 
 
 # ---- simulate and check --------------------------------------------------------------------
