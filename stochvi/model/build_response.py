@@ -649,6 +649,26 @@ def _of_followers(
     return found
 
 
+def coordinate_of(
+    estimate: Callable[[str, float], Estimate], mean: float, variance: float, square: float,
+    acceleration: float | None = None, upcrossing_rate: float | None = None,
+) -> CoordinateResponse:  # fmt: skip
+    """The quantities of a coordinate from its mean (m), its variance, and the mean squares of its
+    velocity and acceleration; `estimate` makes each of its name and value."""
+    values = {
+        "displacement_mean": mean,
+        "displacement_std": math.sqrt(variance),
+        "displacement_mean_square": mean**2 + variance,
+        "velocity_std": math.sqrt(square),
+        "velocity_mean_square": square,
+        "acceleration_std": None if acceleration is None else math.sqrt(acceleration),
+        "upcrossing_rate": upcrossing_rate,
+    }
+    return CoordinateResponse(
+        **{name: estimate(name, each) for name, each in values.items() if each is not None}
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class StationaryMoments:
     """Stationary moments, in SI units per unit mass, as a deterministic method finds them.
@@ -691,9 +711,7 @@ class StationaryMoments:
             )
             biases["acceleration_std"] = error / (2.0 * math.sqrt(square))
 
-        def estimate(name: str, value: float | None) -> Estimate | None:
-            if value is None:
-                return None
+        def estimate(name: str, value: float) -> Estimate:
             return Estimate(value=value, bias=biases.get(name, bias), how=how)
 
         acceleration = self.acceleration_mean_square
@@ -705,18 +723,10 @@ class StationaryMoments:
                 f"faster than {speed_threshold:.3g} m/s" if speed_threshold else "of all speeds"
             )
             assumptions = [*assumptions, f"rates count impacts {counted}"]
-        values = {
-            "displacement_mean": self.mean,
-            "displacement_std": math.sqrt(self.variance),
-            "displacement_mean_square": self.mean**2 + self.variance,
-            "velocity_std": math.sqrt(self.velocity_mean_square),
-            "velocity_mean_square": self.velocity_mean_square,
-            "acceleration_std": None if acceleration is None else math.sqrt(acceleration),
-            "upcrossing_rate": self.upcrossing_rate,
-        }
-        coordinate = CoordinateResponse(
-            **{name: estimate(name, value) for name, value in values.items()}
-        )
+        coordinate = coordinate_of(
+            estimate, self.mean, self.variance, self.velocity_mean_square, acceleration,
+            self.upcrossing_rate,
+        )  # fmt: skip
         return build_response(
             scene,
             method,
@@ -755,22 +765,14 @@ class StationaryMoments:
         of some duration, s, that other modes change.
         """
         biases = self._biases(pair.mass)
-        values = {
-            "collision_rate": _total(self.lower.rate, self.upper.rate),
-            "collision_rate_lower": None if pair.lower is None else self.lower.rate,
-            "collision_rate_upper": None if pair.upper is None else self.upper.rate,
-            "impact_speed_mean": self._speed_mean(),
-            "impact_speed_rate": _total(self.lower.speed_rate, self.upper.speed_rate),
-            "impact_speed_square_rate": _total(
-                self.lower.speed_square_rate, self.upper.speed_square_rate
-            ),
-            **self._contacts(pair.mass),
-        }
+        values = self._of_pair(pair.mass) | {"impact_speed_mean": self._speed_mean()}
+        for side in ("lower", "upper"):
+            if getattr(pair, side) is None:
+                del values[f"collision_rate_{side}"]
         found = {
-            name: None
-            if value is None
-            else Estimate(value=value, bias=biases.get(name, bias), how=how)
+            name: Estimate(value=value, bias=biases.get(name, bias), how=how)
             for name, value in values.items()
+            if value is not None
         }
         return PairResponse(
             **found,
@@ -784,12 +786,19 @@ class StationaryMoments:
             return self.upper, self.contact_upper
         return self.lower, self.contact_lower
 
-    def _contacts(self, mass: float) -> dict[str, float | None]:
-        """Share of time in contact with either stop, and the mean forces on them, N."""
+    def _of_pair(self, mass: float) -> dict[str, float | None]:
+        """Rates of impacts, share of time in contact with either stop, and mean forces on them,
+        N."""
         contacts = (self.contact_lower, self.contact_upper)
         forces = [None if contact is None else mass * contact.force for contact in contacts]
         shares = [contact.probability for contact in contacts if contact is not None]
+        rate, speed_rate, square_rate = self._impacts
         return {
+            "collision_rate": rate,
+            "collision_rate_lower": self.lower.rate,
+            "collision_rate_upper": self.upper.rate,
+            "impact_speed_rate": speed_rate,
+            "impact_speed_square_rate": square_rate,
             "contact_probability": sum(shares) if shares else None,
             "contact_force_lower": forces[0],
             "contact_force_upper": forces[1],
@@ -851,18 +860,10 @@ class StationaryMoments:
             / (2.0 * math.sqrt(self.velocity_mean_square)),
             "velocity_mean_square": errors.velocity_mean_square,
             "upcrossing_rate": errors.upcrossing_rate,
-            "collision_rate": _total(errors.lower.rate, errors.upper.rate),
-            "collision_rate_lower": errors.lower.rate,
-            "collision_rate_upper": errors.upper.rate,
-            "impact_speed_rate": _total(errors.lower.speed_rate, errors.upper.speed_rate),
-            "impact_speed_square_rate": _total(
-                errors.lower.speed_square_rate, errors.upper.speed_square_rate
-            ),
+            **errors._of_pair(mass),
         }
-        found |= errors._contacts(mass)
-        speed = self._speed_mean()
+        speed, hits = self._speed_mean(), self._impacts[0]
         rate, speed_rate = found["collision_rate"], found["impact_speed_rate"]
-        hits = _total(self.lower.rate, self.upper.rate)
         if speed is not None and hits and rate is not None and speed_rate is not None:
             found["impact_speed_mean"] = (speed_rate + speed * rate) / hits
         return {name: error for name, error in found.items() if error is not None}
@@ -891,16 +892,21 @@ class StationaryMoments:
             (name, "vv"): self.velocity_mean_square,
         }
         for pair in model.pairs:
-            for stop in pair.stops:
-                hits, contact = self.at(stop)
-                if hits.speed_rate is None or hits.speed_square_rate is None:
-                    return None
-                moments[pair.name, f"f1_{stop.name}"] = hits.speed_rate
-                moments[pair.name, f"f2_{stop.name}"] = hits.speed_square_rate
-                if contact is not None:
-                    moments[pair.name, f"force_{stop.name}"] = contact.force
-                    moments[pair.name, f"loss_{stop.name}"] = contact.power
-        return moments
+            moments |= self.of_stops(pair)
+        # the book's form "force" has no F1
+        return None if None in moments.values() else moments
+
+    def of_stops(self, pair: Pair) -> dict[tuple[str, str], float]:
+        """The moments of a pair of which `residuals` makes the balances."""
+        found = {}
+        for stop in pair.stops:
+            hits, contact = self.at(stop)
+            found[pair.name, f"f1_{stop.name}"] = hits.speed_rate
+            found[pair.name, f"f2_{stop.name}"] = hits.speed_square_rate
+            if contact is not None:
+                found[pair.name, f"force_{stop.name}"] = contact.force
+                found[pair.name, f"loss_{stop.name}"] = contact.power
+        return found
 
 
 def _total(lower: float | None, upper: float | None) -> float | None:

@@ -6,7 +6,7 @@ equilibrium."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -29,7 +29,13 @@ from stochvi.model.model import FunctionOfMotion, Model
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.excitations import DENSITY_KINDS
 from stochvi.scenes.forces import ForceOfExcitation, ModulatedForce
-from stochvi.scenes.impact_laws import CompliantLaw, Restitution, SpeedRestitution, Viscoelastic
+from stochvi.scenes.impact_laws import (
+    CompliantLaw,
+    Law,
+    Restitution,
+    SpeedRestitution,
+    Viscoelastic,
+)
 from stochvi.scenes.structures.rigid_body import (
     LEAST_SHARE,
     MOTIONS,
@@ -56,36 +62,38 @@ def compliant(model: Model) -> list[str]:
     ]
 
 
+def _laws(model: Model) -> Iterator[tuple[Law, str]]:
+    """The law of each stop, and the place of the stop in words."""
+    for pair in model.pairs:
+        for stop in pair.stops:
+            yield stop.law, f"at the {stop.name} stop of {pair.name}"
+
+
 def rubbing(model: Model) -> list[str]:
     """A sentence for each stop that rubs, for methods without motion along stops."""
     return [
-        f"law.friction must be 0, got {stop.law.friction_coefficient:g} at the {stop.name} stop of "
-        f"{pair.name}; simulate follows it"
-        for pair in model.pairs
-        for stop in pair.stops
-        if stop.law.friction_coefficient
+        f"law.friction must be 0, got {law.friction_coefficient:g} {place}; simulate follows it"
+        for law, place in _laws(model)
+        if law.friction_coefficient
     ]
 
 
 def speed_restitutions(model: Model) -> list[str]:
     """A sentence for each restitution that depends on the speed, for methods that take a number."""
     return [
-        "law.coefficient must be a number, got a function of speed "
-        f"at the {stop.name} stop of {pair.name}"
-        for pair in model.pairs
-        for stop in pair.stops
-        if isinstance(stop.law, SpeedRestitution)
+        f"law.coefficient must be a number, got a function of speed {place}"
+        for law, place in _laws(model)
+        if isinstance(law, SpeedRestitution)
     ]
 
 
 def scattered(model: Model) -> list[str]:
     """A sentence for each restitution that scatters, for methods that draw nothing."""
     return [
-        f"law.coefficient must be a number, got {stop.law.coefficient} at the {stop.name} stop of "
-        f"{pair.name}, which scatters; give its mean alone"
-        for pair in model.pairs
-        for stop in pair.stops
-        if isinstance(stop.law, Restitution) and stop.scattered
+        f"law.coefficient must be a number, got {law.coefficient} {place}, which scatters; give "
+        "its mean alone"
+        for law, place in _laws(model)
+        if isinstance(law, Restitution) and law.scatter is not None
     ]
 
 
@@ -178,11 +186,9 @@ def moving_stops(model: Model) -> list[str]:
 def not_compiled(model: Model) -> list[str]:
     """A sentence for each impact law of a model that no simulation can follow."""
     return [
-        f"law must be one that a simulation follows, got {stop.law.kind!r} at the {stop.name} "
-        f"stop of {pair.name}"
-        for pair in model.pairs
-        for stop in pair.stops
-        if stop.law.compiled() is None
+        f"law must be one that a simulation follows, got {law.kind!r} {place}"
+        for law, place in _laws(model)
+        if law.compiled() is None
     ]
 
 
@@ -190,22 +196,19 @@ def speed_functions(model: Model) -> list[str]:
     """A sentence for each force that is a function of the speed, for methods whose dampers are
     linear."""
     return [
-        f"law.force must depend on the speed by a linear damper alone, got {stop.law.kind!r} at "
-        f"the {stop.name} stop of {pair.name}"
-        for pair in model.pairs
-        for stop in pair.stops
-        if isinstance(stop.law, CompliantLaw) and not (stop.law.has_linear_damper)
+        f"law.force must depend on the speed by a linear damper alone, got {law.kind!r} {place}"
+        for law, place in _laws(model)
+        if isinstance(law, CompliantLaw) and not law.has_linear_damper
     ]
 
 
 def without_energy(model: Model) -> list[str]:
     """A sentence for each force whose energy is not known."""
     return [
-        f"law.energy must be known, got none of kind {stop.law.kind!r} at the {stop.name} stop of "
-        f"{pair.name}; give the function of the deflection that returns it, J"
-        for pair in model.pairs
-        for stop in pair.stops
-        if isinstance(stop.law, CompliantLaw) and not stop.law.has_energy
+        f"law.energy must be known, got none of kind {law.kind!r} {place}; give the function of "
+        "the deflection that returns it, J"
+        for law, place in _laws(model)
+        if isinstance(law, CompliantLaw) and not law.has_energy
     ]
 
 
@@ -213,11 +216,9 @@ def unknown_dampers(model: Model) -> list[str]:
     """A sentence for each impact law with a damper beside a spring that is not linear. It is for
     methods whose only contacts with dampers are those of viscoelastic stops."""
     return [
-        f"law must be 'viscoelastic' where it has a damper, got {stop.law.kind!r} at the "
-        f"{stop.name} stop of {pair.name}"
-        for pair in model.pairs
-        for stop in pair.stops
-        if not (stop.rigid or stop.law.conservative or isinstance(stop.law, Viscoelastic))
+        f"law must be 'viscoelastic' where it has a damper, got {law.kind!r} {place}"
+        for law, place in _laws(model)
+        if not (law.rigid or law.conservative or isinstance(law, Viscoelastic))
     ]
 
 

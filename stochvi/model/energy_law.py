@@ -13,6 +13,7 @@ from typing import NamedTuple, overload
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
+from numpy.typing import NDArray
 
 from stochvi.mathematics.impact_rates import NO_STOP, StopStatistics
 from stochvi.mathematics.numerics import Matrix, Vector, gauss_legendre, gauss_panels
@@ -398,22 +399,24 @@ class EnergyLaw:
 
     def integrals_above(self, energy: Vector) -> Matrix:
         """Weights (energies, nodes): row k integrates from energy k to the largest one."""
+        panel, z, half = self._in_panels(energy)
+        size = len(NODES)
+        rows = np.repeat(self.weights[None, :], len(energy), axis=0)
+        whole = np.arange(len(self._edges))[None, :] > panel[:, None]
+        rows *= np.repeat(whole, size, axis=1)
+        part = _legendre_integrals(z) @ _TO_COEFFICIENTS
+        places = panel[:, None] * size + np.arange(size)
+        np.put_along_axis(rows, places, part * half[:, None] * self.nodes[1][places], axis=1)
+        return rows
+
+    def _in_panels(self, energy: Vector) -> tuple[NDArray[np.intp], Vector, Vector]:
+        """The panel of each energy, the place in it, from -1 to 1, and half the width of it."""
         edges = np.array(self._edges)
         bounds = edges[:, 0] + edges[:, 1] ** 2
         panel = np.clip(np.searchsorted(bounds, energy, side="right") - 1, 0, len(edges) - 1)
-        size = len(NODES)
-        rows = np.repeat(self.weights[None, :], len(energy), axis=0)
-        whole = np.arange(len(edges))[None, :] > panel[:, None]
-        rows *= np.repeat(whole, size, axis=1)
-        start, one, two = edges[panel].T
-        s = np.sqrt(np.maximum(energy - start, 0.0))
-        z = np.clip((s - (one + two) / 2.0) / ((two - one) / 2.0), -1.0, 1.0)
-        part = _legendre_integrals(z) @ _TO_COEFFICIENTS
-        places = panel[:, None] * size + np.arange(size)
-        np.put_along_axis(
-            rows, places, part * ((two - one) / 2.0)[:, None] * self.nodes[1][places], axis=1
-        )
-        return rows
+        start, one, two = np.moveaxis(edges[panel], -1, 0)
+        s, half = np.sqrt(np.maximum(energy - start, 0.0)), (two - one) / 2.0
+        return panel, np.clip((s - (one + two) / 2.0) / half, -1.0, 1.0), half
 
     @cached_property
     def orbits(self) -> Orbits:
@@ -465,12 +468,7 @@ class EnergyLaw:
     def flux_at(self, energy: Vector) -> Vector:
         """G at any energies. It is the joint density of displacement and velocity there: a cycle
         passes every place twice, once in each direction, for dx / |v|."""
-        edges = np.array(self._edges)
-        bounds = edges[:, 0] + edges[:, 1] ** 2
-        panel = np.clip(np.searchsorted(bounds, energy, side="right") - 1, 0, len(edges) - 1)
-        start, one, two = np.moveaxis(edges[panel], -1, 0)
-        s = np.sqrt(np.maximum(energy - start, 0.0))
-        z = np.clip((s - (one + two) / 2.0) / ((two - one) / 2.0), -1.0, 1.0)
+        panel, z, _ = self._in_panels(energy)
         coefficients = self.flux.reshape(-1, len(NODES)) @ _TO_COEFFICIENTS.T
         found = np.sum(legvander(z, len(NODES) - 1) * coefficients[panel], axis=-1)
         return np.where(energy > self.top, 0.0, np.maximum(found, 0.0))

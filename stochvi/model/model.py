@@ -9,7 +9,7 @@ import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple, TypeGuard, assert_never
+from typing import Any, NamedTuple, TypeGuard, assert_never
 
 import numpy as np
 import scipy
@@ -574,6 +574,15 @@ class Model:
         kept = tuple(signal for signal in self.signals if not signal.amplitude)
         return replace(self, signals=kept)
 
+    @property
+    def _shaking(self) -> list[Force]:
+        """The forces per unit of everything that shakes the structure: all but constant loads."""
+        return [
+            *(direction for _, direction in (*self.whites, *self.tables, *self.drawn)),
+            *(signal.direction for signal in self.signals if np.any(signal.direction)),
+            *(part.direction for part in self.drives),
+        ]
+
     @cached_property
     def base_alone_moves(self) -> bool:
         """Whether all excitations but constant loads move the base.
@@ -582,13 +591,6 @@ class Model:
         acceleration: M a = -C q' - K q - contact forces.
         """
         inertia = [inertia_of(self.mass, each) for each in self.base.values()]
-        shaken = [
-            *(direction for _, direction in self.whites),
-            *(signal.direction for signal in self.signals if np.any(signal.direction)),
-            *(direction for _, direction in self.tables),
-            *(direction for _, direction in self.drawn),
-            *(part.direction for part in self.drives),
-        ]
         known = not any(
             part.white_modulation or (part.drawn is not None and part.drawn.mean)
             for part in self.functions
@@ -599,7 +601,7 @@ class Model:
             and all(
                 isinstance(direction, InputMatrix)
                 or any(np.array_equal(direction, each) for each in inertia)
-                for direction in shaken
+                for direction in self._shaking
             )
         )
 
@@ -703,14 +705,8 @@ class Model:
     @property
     def noise_on_mass(self) -> bool:
         """Whether a noise or a sine acts on the mass of one oscillator itself, not on its base."""
-        directions = [
-            *(d for _, d in self.whites),
-            *(d for _, d in self.tables if not isinstance(d, InputMatrix)),
-            *(signal.direction for signal in self.signals),
-            *(direction for _, direction in self.drawn),
-            *(part.direction for part in self.drives),
-        ]
-        return any(direction[0] > 0.0 or not self.moving_base for direction in directions)
+        own = [each for each in self._shaking if not isinstance(each, InputMatrix)]
+        return any(direction[0] > 0.0 or not self.moving_base for direction in own)
 
     @cached_property
     def lower(self) -> Stop | None:
@@ -847,6 +843,16 @@ def _build_model(scene: Scene) -> Model:
     return _at_its_gap(scene, model) if len(mass) == 1 and model.points else model
 
 
+def rates_of(
+    mass: Matrix, damping: Matrix, stiffness: Matrix, branches: Sequence[Branch] = ()
+) -> tuple[float, float] | None:
+    """`Model.rates` of matrices; a stiffness below 0 counts as none."""
+    if len(mass) > 1 or branches:
+        return None
+    own = float(mass[0, 0])
+    return math.sqrt(max(float(stiffness[0, 0]), 0.0) / own), float(damping[0, 0]) / own
+
+
 def _with_branches(model: Model, placed: Sequence[Placed]) -> Model:
     """A model with the static stiffnesses and the branches of springs that relax."""
     stiffness, branches = model.stiffness.copy(), list[Branch]()
@@ -856,9 +862,7 @@ def _with_branches(model: Model, placed: Sequence[Placed]) -> Model:
         for strength, time in part.law.branches:
             if strength:
                 branches.append(Branch(part.name, part.count * strength, time, part.row))
-    rates = None
-    if model.rates is not None and not branches:
-        rates = (math.sqrt(stiffness[0, 0] / model.unit_mass), model.rates[1])
+    rates = rates_of(model.mass, model.damping, stiffness, branches)
     found = replace(model, stiffness=stiffness, branches=tuple(branches), rates=rates)
     wrong = [part for part in placed if isinstance(part.law, RelaxationSpring) and part.law.error]
     return replace(found, rms_bias=_bias_of_fit(found, wrong)) if wrong else found
@@ -903,10 +907,7 @@ def with_dampers(model: Model) -> Model:
     if len(kept) == len(model.branches):
         return model
     bias = model.rms_bias + (LIGHT - left) + SLOW**2
-    rates = None
-    if len(model.coordinates) == 1 and not kept:
-        square = float(model.stiffness[0, 0]) / model.unit_mass
-        rates = math.sqrt(square), float(damping[0, 0]) / model.unit_mass
+    rates = rates_of(model.mass, damping, model.stiffness, kept)
     return replace(model, damping=damping, branches=tuple(kept), rms_bias=bias, rates=rates)
 
 
@@ -1075,27 +1076,55 @@ def _at_its_gap(scene: Scene, model: Model) -> Model:
     if not row[0]:
         return model
     share = float(row[0])
+    scale = np.array([[share]])
+    others = {point: float(its[0]) / share for point, its in model.points.items() if point != name}
     return replace(
-        model,
+        _in_coordinates(model, 1.0 / scale, 1.0 / scale, scale),
         coordinates=(name,),
         mass=model.mass / share**2,
         damping=model.damping / share**2,
         stiffness=model.stiffness / share**2,
-        whites=tuple((strength, force / share) for strength, force in model.whites),
-        constants=tuple((strength, force / share) for strength, force in model.constants),
-        signals=tuple(replace(each, direction=each.direction / share) for each in model.signals),
-        tables=tuple((table, np.asarray(force) / share) for table, force in model.tables),
-        drawn=tuple((each, force / share) for each, force in model.drawn),
-        pairs=tuple(replace(pair, direction=pair.direction / share) for pair in model.pairs),
-        functions=tuple(
-            replace(part, direction=part.direction / share) for part in model.functions
-        ),
-        branches=tuple(each._replace(direction=each.direction / share) for each in model.branches),
-        base={axis: share * moved for axis, moved in model.base.items()},
         points={},
-        followers={
-            point: float(its[0]) / share for point, its in model.points.items() if point != name
-        },
+        followers=others,
+    )
+
+
+def _in_coordinates(model: Model, forces: Matrix, rows: Matrix, moved: Matrix) -> Model:
+    """What acts on a model in other coordinates: all but its matrices.
+
+    Parameters
+    ----------
+    forces
+        Forces on the coordinates per unit of those on the old ones.
+    rows
+        The old displacements per unit of the coordinates.
+    moved
+        Displacements of the coordinates per unit of the old ones.
+    """
+
+    def turned(row: Vector | None) -> Any:
+        return None if row is None else row @ rows
+
+    return replace(
+        model,
+        whites=tuple((strength, forces @ force) for strength, force in model.whites),
+        constants=tuple((strength, forces @ force) for strength, force in model.constants),
+        signals=tuple(replace(each, direction=forces @ each.direction) for each in model.signals),
+        tables=tuple((table, forces @ force) for table, force in model.tables),
+        drawn=tuple((each, forces @ force) for each, force in model.drawn),
+        pairs=tuple(
+            replace(each, direction=turned(each.direction), tangent=turned(each.tangent))
+            for each in model.pairs
+        ),
+        functions=tuple(
+            replace(
+                part,
+                direction=forces @ part.direction if part.drawn else turned(part.direction),
+            )
+            for part in model.functions
+        ),
+        branches=tuple(each._replace(direction=turned(each.direction)) for each in model.branches),
+        base={axis: moved @ its for axis, its in model.base.items()},
     )
 
 
@@ -1112,39 +1141,13 @@ def _seen_from(model: Model, references: list[int], motions: Matrix) -> Model:
         model.damping[inner],
         model.stiffness[inner],
     )
-    rates = None
-    if len(kept) == 1 and not model.branches:
-        rates = (math.sqrt(stiffness[0, 0] / mass[0, 0]), float(damping[0, 0] / mass[0, 0]))
+    chosen = np.eye(len(model.mass))[kept]
     return replace(
-        model,
+        _in_coordinates(model, forces, chosen.T, chosen),
         coordinates=tuple(model.coordinates[place] for place in kept),
-        mass=mass,
-        damping=damping,
-        stiffness=stiffness,
-        whites=tuple((strength, forces @ force) for strength, force in model.whites),
-        constants=tuple((strength, forces @ force) for strength, force in model.constants),
-        signals=tuple(replace(each, direction=forces @ each.direction) for each in model.signals),
-        tables=tuple((table, forces @ np.asarray(force)) for table, force in model.tables),
-        drawn=tuple((each, forces @ force) for each, force in model.drawn),
-        pairs=tuple(
-            replace(
-                pair,
-                direction=pair.direction[kept],
-                tangent=None if pair.tangent is None else pair.tangent[kept],
-            )
-            for pair in model.pairs
-        ),
-        functions=tuple(
-            replace(
-                part,
-                direction=part.direction[kept] if part.drawn is None else forces @ part.direction,
-            )
-            for part in model.functions
-        ),
-        branches=tuple(each._replace(direction=each.direction[kept]) for each in model.branches),
-        base={axis: row[kept] for axis, row in model.base.items()},
-        rates=rates,
-    )
+        mass=mass, damping=damping, stiffness=stiffness,
+        rates=rates_of(mass, damping, stiffness, model.branches),
+    )  # fmt: skip
 
 
 def _signals(scene: Scene, shaken: Sequence[tuple[Excitation, Vector]]) -> Iterator[Signal]:

@@ -14,7 +14,7 @@ from stochvi.mathematics.impact_rates import TruncatedNormal, gaussian_stop
 from stochvi.mathematics.numerics import Vector
 from stochvi.model.gap import Gap, GibbsLaw
 from stochvi.model.modal import EquivalentLinear, LinearLaw, ModalForm, linear_law
-from stochvi.model.model import FunctionOfMotion, Model, Pair
+from stochvi.model.model import FunctionOfMotion, Model, Pair, rates_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.characteristics import LinearForm
 from stochvi.scenes.impact_laws import CompliantLaw
@@ -457,13 +457,11 @@ def with_affine(model: Model, forms: Sequence[LinearForm]) -> Model:
             constants.append((-form.force, row))
         affine = (form.stiffness / part.mass, form.damping / part.mass, form.force / part.mass)
         functions.append(replace(part, affine=affine))
-    rates = None
-    if len(stiffness) == 1 and not model.branches:
-        mass = float(model.mass[0, 0])
-        rates = math.sqrt(max(stiffness[0, 0], 0.0) / mass), float(damping[0, 0]) / mass
     return replace(
         model, stiffness=stiffness, damping=damping, constants=tuple(constants),
-        functions=tuple(functions), rates=rates, restoring=None, potential=None, drag=None,
+        functions=tuple(functions),
+        rates=rates_of(model.mass, damping, stiffness, model.branches),
+        restoring=None, potential=None, drag=None,
     )  # fmt: skip
 
 

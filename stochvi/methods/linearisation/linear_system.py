@@ -327,7 +327,7 @@ def solve(gap: Gap, form: Form, method: str) -> list[Candidate]:
             break
     for other in balanced_speeds(gap, speed) if gap.coloured else []:
         candidate = _from(gap, form, other)
-        if candidate is not None and not any(_same(candidate, one) for one in found):
+        if candidate is not None and not any(same(candidate, one) for one in found):
             found.append(candidate)
     if not found and form.others:
         return solve(gap, form.others[0]._replace(others=form.others[1:]), method)
@@ -348,7 +348,8 @@ def _from(gap: Gap, form: Form, speed: float) -> Candidate | None:
     return None if unknowns is None else frame.grow(form.candidate(target, unknowns))
 
 
-def _same(one: Candidate, two: Candidate) -> bool:
+def same(one: Candidate, two: Candidate) -> bool:
+    """Whether two solutions count as one."""
     squares = ((one.variance, two.variance), (one.velocity_mean_square, two.velocity_mean_square))
     return all(abs(math.log(a / b)) < SAME for a, b in squares)
 

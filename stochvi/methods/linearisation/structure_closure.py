@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -13,14 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from stochvi.mathematics.numerics import Matrix, Vector
-from stochvi.mathematics.spectra import stationary_covariance
+from stochvi.mathematics.numerics import Vector
 from stochvi.methods.linearisation import loose_mass
 from stochvi.methods.linearisation.forms import form_of, soft_closure
 from stochvi.methods.linearisation.linear_system import (
     INFEASIBLE,
     ROOT_TWO_PI,
-    SAME,
     START_SPEEDS,
     Candidate,
     Form,
@@ -29,11 +27,12 @@ from stochvi.methods.linearisation.linear_system import (
     Unknowns,
     answer_of,
     root,
+    same,
 )
 from stochvi.model.build_response import (
     BETWEEN_IMPACTS,
-    StationaryMoments,
     build_response,
+    coordinate_of,
     residuals,
 )
 from stochvi.model.coverage import (
@@ -46,7 +45,14 @@ from stochvi.model.coverage import (
     without_noise,
 )
 from stochvi.model.gap import Gap
-from stochvi.model.modal import EquivalentLinear, LinearLaw, ModalForm, linear_law
+from stochvi.model.modal import (
+    Branch,
+    EquivalentLinear,
+    LinearLaw,
+    ModalForm,
+    absolute_accelerations,
+    linear_law,
+)
 from stochvi.model.model import FunctionOfMotion, Model, Pair, Stop, model_of
 from stochvi.model.scales import (
     UNSHAKEN,
@@ -58,8 +64,7 @@ from stochvi.model.scales import (
     with_forms,
     with_linear_part,
 )
-from stochvi.model.scales import form_of as form_of_spring
-from stochvi.results.base import CoordinateResponse, PairResponse, Response
+from stochvi.results.base import PairResponse, Response
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate
@@ -562,11 +567,7 @@ def _solution(
 
 
 def _same(one: _Solution, two: _Solution) -> bool:
-    return all(
-        abs(math.log(a.variance / b.variance)) < SAME
-        and abs(math.log(a.velocity_mean_square / b.velocity_mean_square)) < SAME
-        for a, b in zip(one.candidates, two.candidates, strict=True)
-    )
+    return all(same(*each) for each in zip(one.candidates, two.candidates, strict=True))
 
 
 def _apart(modes: ModalForm, one: _Solution, free: LinearLaw) -> float:
@@ -688,11 +689,13 @@ def _response(outline: _Outline, one: _Solution, warned: Sequence[str]) -> Respo
         variance = one.law.variances(shape, 0)
         square = one.law.variances(shape, modes.size)
         moments |= {(name, "x"): place, (name, "variance"): variance, (name, "vv"): square}
-        coordinates[name] = _coordinate(outline.estimate, place, variance, square, acceleration)
+        coordinates[name] = coordinate_of(
+            lambda _, value: outline.estimate(value), place, variance, square, acceleration
+        )
     pairs: dict[str, PairResponse] = {}
     for gap, candidate, row in zip(one.gaps, one.candidates, modes.gaps, strict=True):
         answer, name = answer_of(gap.gap, candidate), gap.pair.name
-        moments |= _of_stops(gap.pair, answer)
+        moments |= answer.of_stops(gap.pair)
         pairs[name] = answer.pair(
             gap.pair, gap.gap.damping_rate, outline.how, outline.bias,
             others=partial(_unlike_one_mode, modes, one.law, row, gap, candidate),
@@ -752,7 +755,7 @@ def _accelerations(model: Model, one: _Solution) -> Sequence[float | None]:
         if not hard:
             substitute = gap.substitute(candidate)
             stiffness = stiffness + substitute.spring * np.outer(row, row)
-            damping = damping + substitute.damper * np.outer(row, row)
+            damping += substitute.damper * np.outer(row, row)
     pulls = model.output_rows @ modes.shapes @ np.hstack([stiffness, damping])
     return [one.law.variances(pull, 0) for pull in pulls]
 
@@ -765,22 +768,6 @@ def _on_accelerations(model: Model, found: Sequence[float | None]) -> list[str]:
     soft = not all(stop.rigid for stop in model.stops)
     words = "acceleration_std holds contact forces by the spring and damper in their place"
     return [*([words] if soft else []), *([BETWEEN_IMPACTS] if rigid else [])]
-
-
-def _coordinate(
-    estimate: Callable[[float], Estimate], mean: float, variance: float, square: float,
-    acceleration: float | None,
-) -> CoordinateResponse:  # fmt: skip
-    values = {
-        "displacement_mean": mean,
-        "displacement_std": math.sqrt(variance),
-        "displacement_mean_square": mean**2 + variance,
-        "velocity_std": math.sqrt(square),
-        "velocity_mean_square": square,
-    }
-    if acceleration is not None:
-        values["acceleration_std"] = math.sqrt(acceleration)
-    return CoordinateResponse(**{name: estimate(value) for name, value in values.items()})
 
 
 def _unlike_one_mode(
@@ -812,20 +799,6 @@ def _unlike_one_mode(
     way = abs(unlike[0]) * farthest + abs(unlike[1]) * speed
     way += abs(by_push - alone[1]) * speed + math.sqrt(max(float(moved @ left @ moved), 0.0))
     return float(way / (speed * duration))
-
-
-def _of_stops(pair: Pair, answer: StationaryMoments) -> dict[tuple[str, str], float]:
-    """The moments of a pair from which the balances are calculated, per unit of its reduced
-    mass."""
-    found = {}
-    for stop in pair.stops:
-        hits, contact = answer.at(stop)
-        found[pair.name, f"f1_{stop.name}"] = hits.speed_rate
-        found[pair.name, f"f2_{stop.name}"] = hits.speed_square_rate
-        if contact is not None:
-            found[pair.name, f"force_{stop.name}"] = contact.force
-            found[pair.name, f"loss_{stop.name}"] = contact.power
-    return found
 
 
 def _assumptions(model: Model) -> list[str]:
@@ -985,48 +958,33 @@ def _beyond_hysteresis(model: Model) -> list[str]:
 
 
 def _with_hysteresis(scene: Scene, model: Model, started: float) -> Response:
-    """The response with the memories z as further states, z' = C v + D z by Wen's coefficients."""
-    plain = tuple(part for part in model.functions if not part.law.remembers)
+    """The response with each memory z, z' = C v + D z by Wen's coefficients, as the force of a
+    branch that relaxes: that of a spring F C behind a damper, of the time -1 / D."""
     ropes = tuple(part for part in model.functions if part.law.remembers)
-    modes, n = model.modal, model.modal.size
-    rows = [np.array([part.direction @ modes.shapes for part in each]) for each in (plain, ropes)]
-    motions = [Motion(0.0, 1e-3, 1e-3)] * len(plain)
+    rest = replace(model, functions=tuple(p for p in model.functions if not p.law.remembers))
+    motions = [Motion(0.0, 1e-3, 1e-3)] * len(rest.functions)
     coefficients = [(1.0 / _law(part).yield_displacement, -1.0) for part in ropes]
-    rest = modes.rest
-    before = np.zeros(2 * n)
-    size = np.ones(2 * n + len(modes.signals) + len(ropes))
+    before = np.zeros(2 * len(model.coordinates))
     for _ in range(MOST_ROUNDS):
-        generator, rest = _generator(model, plain, ropes, rows, motions, coefficients)
-        fading = [*modes.fading, *range(len(size) - len(ropes), len(size))]
-        inner = np.ix_(fading, fading)
-        noise = np.zeros_like(generator)
-        known = len(size) - len(ropes)
-        noise[:known, :known] = modes.noise(modes.white)
-        scaled = generator * size / size[:, None]
-        if np.linalg.eigvals(scaled[inner]).real.max() >= 0.0:
+        linear = _with_memories(with_forms(rest, motions), ropes, coefficients)
+        modes, law = linear.modal, linear_law(linear.modal)
+        if law is None:
             raise NotApplicable(
                 "linearise",
                 ["every mode must lose energy and be held by a spring beside that with hysteresis, "
                  "got one that drifts; add stiffness"],
             )  # fmt: skip
-        covariance = np.zeros_like(generator)
-        covariance[inner] = stationary_covariance(
-            scaled[inner], noise[inner] / np.outer(size, size)[inner]
-        )
-        covariance *= np.outer(size, size)
-        spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        if np.allclose(spread[: 2 * n], before, rtol=SETTLED, atol=0.0):
-            return _response_with_functions(scene, model, covariance, generator, rest, started)
-        before = spread[: 2 * n]
-        size = np.where(spread > 0.0, spread, 1.0)
+        found = [law.variances(row, first) for first in (0, modes.size) for row in modes.shapes]
+        spread = np.sqrt(np.maximum(found, 0.0))
+        if np.allclose(spread, before, rtol=SETTLED, atol=0.0):
+            return _response_with_functions(scene, linear, law, started)
+        before = spread
         motions = [
-            _halfway(old, Motion(float(row @ rest), _spread(row, covariance, 0),
-                                 _spread(row, covariance, n)))
-            for old, row in zip(motions, rows[0], strict=True)
+            _halfway(*each) for each in zip(motions, motions_of(linear, law), strict=True)
         ]  # fmt: skip
         coefficients = [
-            _coefficients(part, row, covariance, n, known + k, old)
-            for k, (part, row, old) in enumerate(zip(ropes, rows[1], coefficients, strict=True))
+            _coefficients(part, number, linear.modal, law, old)
+            for number, (part, old) in enumerate(zip(ropes, coefficients, strict=True))
         ]
     raise NotConverged(
         "linearise did not converge: no linear structure is its own linearisation; simulate this "
@@ -1039,35 +997,15 @@ def _law(part: FunctionOfMotion) -> BoucWen:
     return part.law
 
 
-def _generator(
-    model: Model, plain: tuple[FunctionOfMotion, ...], ropes: tuple[FunctionOfMotion, ...],
-    rows: list[Matrix], motions: list[Motion], coefficients: list[tuple[float, float]],
-) -> tuple[Matrix, Vector]:  # fmt: skip
-    """Generator of modes, signals and memories, and the modal displacements at rest."""
-    modes, n = model.modal, model.modal.size
-    stiffness, damping = np.diag(modes.squares), modes.damping.copy()
-    load = modes.squares * modes.rest
-    for part, row, motion in zip(plain, rows[0], motions, strict=True):
-        form = form_of_spring(part, motion)
-        stiffness = stiffness + form.stiffness * np.outer(row, row)
-        damping += form.damping * np.outer(row, row)
-        load = load - (form.force - form.stiffness * motion.mean) * row
-    inner = modes.generator(damping, stiffness)
-    first = len(inner)
-    whole = np.zeros((first + len(ropes), first + len(ropes)))
-    whole[:first, :first] = inner
-    for k, (part, row, (with_v, with_z)) in enumerate(
-        zip(ropes, rows[1], coefficients, strict=True)
-    ):
-        whole[n : 2 * n, first + k] = -part.count * _law(part).largest_force * row
-        whole[first + k, n : 2 * n] = with_v * row
-        whole[first + k, first + k] = with_z
-    return whole, np.asarray(np.linalg.lstsq(stiffness, load, rcond=None)[0], float)
-
-
-def _spread(row: Vector, covariance: Matrix, first: int) -> float:
-    part = slice(first, first + len(row))
-    return math.sqrt(float(row @ covariance[part, part] @ row))
+def _with_memories(
+    model: Model, ropes: Sequence[FunctionOfMotion], coefficients: Sequence[tuple[float, float]]
+) -> Model:
+    branches = [
+        Branch(part.name, part.count * _law(part).largest_force * with_v, -1.0 / with_z,
+               part.direction)
+        for part, (with_v, with_z) in zip(ropes, coefficients, strict=True)
+    ]  # fmt: skip
+    return replace(model, branches=tuple(branches), rates=None)
 
 
 def _halfway(one: Motion, other: Motion) -> Motion:
@@ -1075,14 +1013,15 @@ def _halfway(one: Motion, other: Motion) -> Motion:
 
 
 def _coefficients(
-    part: FunctionOfMotion, row: Vector, covariance: Matrix, n: int, memory: int,
-    old: tuple[float, float],
-) -> tuple[float, float]:  # fmt: skip
-    """Wen's coefficients at a covariance, half way from the old ones."""
-    speed = _spread(row, covariance, n)
-    deviation = math.sqrt(float(covariance[memory, memory]))
-    mixed = float(row @ covariance[n : 2 * n, memory]) / (speed * deviation)
-    rope = _law(part)
+    part: FunctionOfMotion, number: int, modes: ModalForm, law: LinearLaw, old: tuple[float, float]
+) -> tuple[float, float]:
+    """Wen's coefficients under a law in which the memory has a number, half way from the old
+    ones."""
+    n, row, rope = modes.size, part.direction @ modes.shapes, _law(part)
+    force, memory = part.count * rope.largest_force, 2 * n + number
+    speed = math.sqrt(law.variances(row, n))
+    deviation = math.sqrt(float(law.covariance[memory, memory])) / force
+    mixed = float(row @ law.covariance[n : 2 * n, memory]) / force / (speed * deviation)
     # a memory stays below 1; a start that is too wide would make C negative
     deviation = min(deviation, FULL ** (1.0 / rope.exponent) * rope.widest_memory)
     new = rope.wen_coefficients(speed, deviation, min(max(mixed, -1.0), 1.0))
@@ -1090,22 +1029,22 @@ def _coefficients(
 
 
 def _response_with_functions(
-    scene: Scene, model: Model, covariance: Matrix, generator: Matrix, rest: Vector, started: float
+    scene: Scene, model: Model, law: LinearLaw, started: float
 ) -> Response:
-    modes, n = model.modal, model.modal.size
-    coordinates = {}
-    for name, row in zip(model.outputs, model.output_rows @ modes.shapes, strict=True):
-        acceleration = None
-        if model.base_alone_moves:
-            # what springs, dampers and memories pull, without the signals that shake the base
-            pull = row @ generator[n : 2 * n]
-            pull[2 * n : 2 * n + len(modes.signals)] = 0.0
-            acceleration = float(pull @ covariance @ pull)
-        coordinates[name] = _coordinate(
-            lambda value: Estimate(value=value, bias=None, how=HOW),
-            float(row @ rest), _spread(row, covariance, 0) ** 2, _spread(row, covariance, n) ** 2,
-            acceleration,
-        )  # fmt: skip
+    modes = model.modal
+    accelerations: Sequence[float | None] = [None] * len(model.outputs)
+    if model.base_alone_moves:
+        accelerations = absolute_accelerations(modes, law, model.output_rows).tolist()
+    coordinates = {
+        name: coordinate_of(
+            lambda _, value: Estimate(value=value, bias=None, how=HOW),
+            float(row @ (modes.rest + law.mean)), law.variances(row, 0),
+            law.variances(row, modes.size), acceleration,
+        )
+        for name, row, acceleration in zip(
+            model.outputs, model.output_rows @ modes.shapes, accelerations, strict=True
+        )
+    }  # fmt: skip
     return build_response(
         scene, METHOD, coordinates=coordinates, impact_pairs={},
         assumptions=[FUNCTION_ASSUMPTION, WEN], cost=Cost(wall_time=time.perf_counter() - started),
