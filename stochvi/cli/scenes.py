@@ -4,32 +4,29 @@ ship."""
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
 from stochvi.cli.declared import command
 from stochvi.cli.options import Common
-from stochvi.cli.program import BAD_INPUT, FAILED, console_for, main, progress_bar, stop
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from stochvi.results.deadline import Progress
-    from stochvi.scenes.scene import Scene
-    from stochvi.verification.check import Check
-
+from stochvi.cli.program import BAD_INPUT, console_for, main, stop
 
 # ------------------------------------------------------------------------------
 # The command `demo`: the truck is sized; or theory, a textbook oscillator by all methods.
 # ------------------------------------------------------------------------------
 
 
-TEXTBOOK = {"oscillator-elastic": "R = 1", "oscillator-lossy": "R = 0.8"}
-"""Shipped scenes of the textbook case, with the restitution that distinguishes them."""
+THEORY = {
+    "oscillator-elastic": ("check", "simulate"),
+    "oscillator-lossy": ("check", "simulate"),
+    "isolator-truck": ("screen", "clearance"),
+}
+"""Shipped scenes by which `demo --theory` shows the methods: a textbook oscillator at R = 1 and at
+R = 0.8, and a mount; each with the commands that it is given to."""
 
-CLEARANCES_IN_SIGMA = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
-"""Clearances of the isolator in the table, in rms displacements without stops."""
+MINUTES = 10.0
+"""Budget of each of these commands, min: enough for a slow machine."""
 
 
 @command("seed, threads, force, quiet, verbose", reads="")
@@ -40,110 +37,32 @@ def demo(options: Common, out: Path, theory: bool) -> None:
     --theory  Instead: a textbook case and the truck's mount by all methods, which have to agree.
     """
     from stochvi.cli.program import check_folder_target
+    from stochvi.scenes.datasets import shipped_scene
+    from stochvi.views.files import folder_in
 
     check_folder_target(out)
     console = console_for(None)
     console.quiet = options.quiet
+
+    def ask(name: str, scene: str, folder: Path, **asked: Any) -> None:
+        """A command of a shipped scene, with the options of the demo that it has."""
+        file = str(shipped_scene(scene))
+        asked = vars(options) | {"scene": file, "scenes": (file,), "out": folder} | asked
+        known = [str(each.name) for each in main.commands[name].params]
+        given = {key: asked[key] for key in known if key in asked}
+        click.get_current_context().invoke(main.commands[name], **given)
+
     if not theory:
-        _size_the_truck(options, out, console)
+        ask("size", "isolator-truck", out, probability=0.01, mission=3600.0)
+        page = f"its page: {out / 'report.html'}; your own scene: stochvi new truck.toml"
+        console.print(f"\n{page}", highlight=False, soft_wrap=True)
         return
-    with progress_bar(options.quiet, "demo", console) as report:
-        agreed = run_demo(options, out, console, report)
+    for scene, names in THEORY.items():
+        for name in names:
+            line = f"stochvi {name} {scene}.toml --budget {MINUTES:g}min"
+            console.print(f"\n{line}", style="bold", highlight=False)
+            ask(name, scene, folder_in(out, scene), budget=60.0 * MINUTES)
     console.print(f"\ntables and pictures are in {out}/", highlight=False)
-    if not agreed:
-        stop("the methods disagree, see above", FAILED)
-
-
-def _size_the_truck(options: Common, out: Path, console: Console) -> None:
-    """`stochvi size` of the shipped truck, then where the page is."""
-    from stochvi.scenes.datasets import shipped_scene
-
-    click.get_current_context().invoke(
-        main.commands["size"], scene=str(shipped_scene("isolator-truck")), probability=0.01,
-        mission=3600.0, seed=options.seed, threads=options.threads, force=options.force,
-        quiet=options.quiet, verbose=options.verbose, units=options.units, out=out,
-    )  # fmt: skip
-    console.print(f"\nits page: {out / 'report.html'}; your own scene: stochvi new truck.toml",
-                  highlight=False, soft_wrap=True)  # fmt: skip
-
-
-def run_demo(options: Common, out: Path, console: Console, report: Progress) -> bool:
-    """Run the theory, print its tables, write them with pictures to `out`; True if all agree."""
-    from stochvi.scenes.datasets import shipped_scene
-    from stochvi.scenes.scene import load_scene
-    from stochvi.verification.check import check
-    from stochvi.views.files import folder_in
-
-    agreed = True
-    for number, (name, label) in enumerate(TEXTBOOK.items()):
-        report(0.15 * number, f"oscillator between stops, {label}")
-        scene = load_scene(shipped_scene(name))
-        verdict = check(scene, rel_error=0.002, seed=options.seed, threads=options.threads)
-        agreed &= verdict.passed
-        _show_textbook(scene, verdict, label, folder_in(out, name), console)
-    report(0.3, "isolator: linear screening")
-    isolator = load_scene(shipped_scene("isolator-truck"))
-    _show_isolator(isolator, folder_in(out, "isolator-truck"), options, console, report)
-    report(1.0, "done")
-    return agreed
-
-
-def _show_textbook(scene: Scene, verdict: Check, label: str, out: Path, console: Console) -> None:
-    from stochvi.methods.linearisation import linearise
-    from stochvi.results.base import stacked
-    from stochvi.statistics.densities import overview
-    from stochvi.views.density import draw_overview
-    from stochvi.views.files import try_picture, write_table
-    from stochvi.views.pages import Grid, Section, Told, print_told
-    from stochvi.views.tables import methods_table
-    from stochvi.views.verification import check_told
-
-    console.print(f"\nOscillator between stops at 1 sigma, {label}", style="bold", highlight=False)
-    forms = [linearise(scene, form=form, variant="book") for form in ("motion", "force")]
-    title = "by all methods, SI units; standard errors in brackets"
-    table = Grid.of(title, methods_table([*verdict.responses, *forms]))
-    meaning = (
-        "closure, motion, force: statistical linearisation, approximate; book: as printed there"
-    )
-    print_told(console, Told(sections=[Section(grids=table, notes=[meaning])]))
-    if not verdict.passed:
-        print_told(console, check_told(verdict))
-    console.print(verdict.summary(), highlight=False)
-    write_table(verdict.to_frame(), out / "check.csv")
-    write_table(
-        stacked(response.to_frame() for response in [*verdict.responses, *forms]),
-        out / "methods.csv",
-    )
-    try_picture(
-        lambda: draw_overview(overview(scene), f"{scene.title}, {label}"), out / "overview.png"
-    )
-
-
-def _show_isolator(
-    scene: Scene, out: Path, options: Common, console: Console, report: Progress
-) -> None:
-    from stochvi.isolators.screening import clearance_curve, predicted_curve, screen
-    from stochvi.statistics.densities import overview
-    from stochvi.views.density import draw_overview
-    from stochvi.views.files import try_picture, write_clearance, write_table
-    from stochvi.views.isolator_tables import curve_told, screening_told
-    from stochvi.views.pages import print_told
-
-    console.print(f"\n{scene.title}", style="bold", highlight=False)
-    linear = screen(scene)
-    print_told(console, screening_told(linear))
-    write_table(linear.to_frame(), out / "screening.csv")
-    curve = clearance_curve(
-        scene,
-        [multiple * linear.displacement_std for multiple in CLEARANCES_IN_SIGMA],
-        seed=options.seed,
-        threads=options.threads,
-        progress=lambda done, text: report(0.35 + 0.55 * done, f"impact rate: {text}"),
-    )
-    print_told(console, curve_told(curve))
-    report(0.92, "pictures")
-    write_clearance(curve, predicted_curve(scene, curve), scene.title, out)
-    try_picture(lambda: draw_overview(overview(scene), scene.title), out / "overview.png")
 
 
 # ------------------------------------------------------------------------------

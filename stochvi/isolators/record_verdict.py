@@ -805,7 +805,7 @@ class _Shape(NamedTuple):
         if self.kurtosis_p is not None and self.kurtosis_p < limit:
             found.append(
                 f"the kurtosis of {of} is {self.kurtosis:.3g}, where Gaussian noise would have "
-                f"3 +- {self.error:.2g} ({p_value_in_words(self.kurtosis_p)})"
+                f"3 ± {self.error:.2g} ({p_value_in_words(self.kurtosis_p)})"
             )
         return found
 

@@ -599,7 +599,7 @@ class Scatter(Checked):
     std: NonNegative
 
     def __str__(self) -> str:
-        return f"{self.mean:g} +- {self.std:g}"
+        return f"{self.mean:g} ± {self.std:g}"
 
 
 def _tag(value: Any) -> str:

@@ -14,16 +14,14 @@ from stochvi.mathematics.units import (
     LENGTH,
     NUMBER,
     ShownQuantity,
-    shown_as,
     spoken_mission,
 )
-from stochvi.results.base import RESPONSE_QUANTITIES, Response, rows_of
+from stochvi.results.base import RESPONSE_QUANTITIES, rows_of
 from stochvi.results.estimates import (
     MOST_PLACES,
     NEAR_ONE,
     Estimate,
     count_of,
-    plus_minus,
     spoken_percent,
 )
 
@@ -82,29 +80,6 @@ def modes_in_rows(modes: Sequence[NaturalMode]) -> list[dict[str, Any]]:
         }
         for number, mode in enumerate(modes, start=1)
     ]
-
-
-METHOD_COLUMNS = {
-    "displacement_std": "std x",
-    "velocity_std": "rms v",
-    "collision_rate": "hits",
-    "impact_speed_rate": "F1",
-    "impact_speed_square_rate": "F2",
-}
-
-
-def methods_table(responses: Sequence[Response]) -> list[dict[str, str]]:
-    """One row per method, one column per quantity of `METHOD_COLUMNS`, values with errors."""
-    rows = []
-    for response in responses:
-        found = {name: estimate for (_, name), estimate in response.estimates().items()}
-        row = {"method": response.method.removeprefix("linearise:")}
-        for name, heading in METHOD_COLUMNS.items():
-            quantity = shown_as(RESPONSE_QUANTITIES[name].unit)
-            words = quantity.heading(heading) if quantity.chosen else heading
-            row[words] = plus_minus(found[name], quantity) if name in found else ""
-        rows.append(row)
-    return rows
 
 
 # ------------------------------------------------------------------------------

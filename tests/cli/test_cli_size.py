@@ -18,6 +18,7 @@ from stochvi.isolators.sizing import sensitivity
 from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.size import size
 from stochvi.results.estimates import spoken_percent
+from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import load_scene
 from stochvi.views.isolator_tables import sizing_told
 from stochvi.views.pages import print_told
@@ -55,6 +56,20 @@ def test_the_demo_is_the_sizing_of_the_truck_and_ends_with_its_page(
         f"\nits page: {Path('out/report.html')}; your own scene: stochvi new truck.toml\n"
     )
     assert Path("out/report.html").is_file()
+
+
+@pytest.mark.slow
+def test_the_theory_is_shown_by_commands_that_a_reader_can_type(
+    stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stochvi.cli.scenes.THEORY", {"oscillator-elastic": ("exact", "linearise")})
+    code, out, _ = stochvi("demo", "--theory", "--out", tmp_path)
+    assert code == 0
+    for name in ("exact", "linearise"):
+        assert f"stochvi {name} oscillator-elastic.toml" in out
+        alone = stochvi(name, shipped_scene("oscillator-elastic")).out
+        assert {*alone.splitlines()[:6]} <= {*out.splitlines()}
+    assert (tmp_path / "oscillator-elastic" / "response.csv").is_file()
 
 
 @pytest.mark.slow

@@ -191,7 +191,7 @@ class RecordedNoise(DensityNoise):
         estimate = record.density(self._bins(omega, damping_rate))
         return (
             f"record {Path(self.file).name}: {record.duration:.4g} s at {record.fs:.4g} Hz, "
-            f"kurtosis of the input {kurtosis:.2f} +- {doubt:.2f} (Gaussian: 3, which says "
+            f"kurtosis of the input {kurtosis:.2f} ± {doubt:.2f} (Gaussian: 3, which says "
             "little of the response); Gaussian noise of its density is simulated, not the record "
             "itself",
             *(f"record {Path(self.file).name}: {note}" for note in self._notes + record.notes),

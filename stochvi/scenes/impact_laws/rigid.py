@@ -202,7 +202,7 @@ class Restitution(RigidLaw):
         return np.full(np.shape(speed), self.restitution)
 
     def in_words(self) -> str:
-        drawn = "" if self.scatter is None else f" +- {self.scatter.std:g}, drawn at each impact"
+        drawn = "" if self.scatter is None else f" ± {self.scatter.std:g}, drawn at each impact"
         return f"rigid, restitution {self.restitution:g}{drawn}"
 
     def compiled(self) -> NamedTuple:
