@@ -9,9 +9,10 @@ import itertools
 import json
 import math
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -43,6 +44,7 @@ from stochvi.results.estimates import (
     provenance,
     student_quantile,
 )
+from stochvi.results.files import named_files
 from stochvi.sampling.calculations import BUDGET, RunOptions, calculation
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.excitations import RecordedNoise
@@ -61,7 +63,7 @@ from stochvi.statistics.crossings import own_distances
 from stochvi.views.files import folder_in, to_json, write_text
 
 if TYPE_CHECKING:
-    from stochvi.isolators import MissionSizing, Sizing
+    pass
 
 
 # ------------------------------------------------------------------------------
@@ -72,11 +74,15 @@ if TYPE_CHECKING:
 # ------------------------------------------------------------------------------
 
 
-METHODS = (
-    "simulate", "exact", "closure", "linearise", "fokker-planck", "average", "size", "reliability",
-    "replay",
-)  # fmt: skip
-"""Methods that can answer for a row; "closure" is "linearise" with its form "closure"."""
+METHODS = {
+    "simulate": "methods.monte_carlo:simulate", "exact": "methods.closed_form:exact",
+    "closure": "methods.linearisation:linearise", "linearise": "methods.linearisation:linearise",
+    "fokker-planck": "methods.fokker_planck:fokker_planck", "average": "methods.averaging:average",
+    "size": "isolators:size", "reliability": "statistics.reliability:reliability",
+    "replay": "methods.replay:replay",
+}  # fmt: skip
+"""Methods that can answer for a row, with the calculation of each, "room:name", which is imported
+when it is asked; "closure" is "linearise" with its form "closure"."""
 
 THRESHOLD, WITH_THRESHOLD = "speed_threshold", ("simulate", "fokker-planck")
 """Argument that may be varied as a key is, the slowest impact that rates count (m/s), and the
@@ -348,7 +354,7 @@ class Job:
         # where and how fast a row is computed does not change it
         asked = {key: plain_number(arguments[key]) for key in sorted(arguments) if key not in FREE}
         whole = hashlib.sha256(f"{words} {method} {seed} {asked} {_versions(method)}".encode())
-        for file in _files(document):
+        for file in filter(Path.is_file, map(Path, named_files(document))):
             whole.update(file.read_bytes())
         return cls(
             scene=scene, change=change, method=method, seed=seed, arguments=arguments,
@@ -380,47 +386,19 @@ class Job:
         return self._columns(response, note)
 
     def _answer(self, folder: Path | None, run: Run) -> Response | Summary:
-        match self.method:
-            case "simulate":
-                from stochvi.methods.monte_carlo import simulate
-
-                simulated: Response = self._sampled(simulate, folder, run)
-                return simulated
-            case "size":
-                return Summary.of(self._sized(folder, run))
-            case "reliability":
-                from stochvi.statistics.reliability import reliability
-
-                return Summary.of(self._sampled(reliability, folder, run))
-            case "replay":
-                from stochvi.methods.replay import replay
-
-                return Summary.of(replay(self.scene, threads=run.workers, **self.arguments))
-            case "exact":
-                from stochvi.methods.closed_form import exact
-
-                return exact(self.scene, **self.arguments)
-            case "closure" | "linearise":
-                from stochvi.methods.linearisation import linearise
-
-                return linearise(self.scene, **self.arguments)
-            case "fokker-planck":
-                from stochvi.methods.fokker_planck import fokker_planck
-
-                return fokker_planck(self.scene, **self.arguments)
-        from stochvi.methods.averaging import average
-
-        return average(self.scene, **self.arguments)
-
-    def _sized(self, folder: Path | None, run: Run) -> Sizing | MissionSizing:
-        from stochvi.isolators import size
         from stochvi.isolators.sizing.risk_curve import OutOfReach
 
+        room, _, name = METHODS[self.method].partition(":")
+        ask = getattr(import_module(f"stochvi.{room}"), name)
         try:
-            found: Sizing | MissionSizing = self._sampled(size, folder, run)
-            return found
+            if self.method in SAMPLING:
+                answer = self._sampled(ask, folder, run)
+            else:
+                threads = {"threads": run.workers} if self.method == "replay" else {}
+                answer = ask(self.scene, **threads, **self.arguments)
         except OutOfReach as error:  # in one scene; the next may meet it
-            raise NotApplicable("size", [str(error)]) from error
+            raise NotApplicable(self.method, [str(error)]) from error
+        return answer if isinstance(answer, Response) else Summary.of(answer)
 
     def _sampled(self, calculate: Callable[..., Any], folder: Path | None, run: Run) -> Any:
         """The answer of a calculation that may go on from a checkpoint in the folder."""
@@ -546,15 +524,6 @@ def _versions(method: str) -> str:
 
         return machine()
     return str(provenance({}))
-
-
-def _files(part: Any) -> Iterator[Path]:
-    """Every file that the document of a scene names and that exists."""
-    for key, value in part.items() if isinstance(part, dict) else enumerate(part):
-        if isinstance(value, dict | list):
-            yield from _files(value)
-        elif key == "file" and Path(value).is_file():
-            yield Path(value)
 
 
 def values_of(text: str, document: Mapping[str, Any]) -> tuple[str, list[float]]:
@@ -728,21 +697,33 @@ def mean_over_records(
         arguments=arguments, out=out, progress=progress,
     )  # fmt: skip
     rows.insert(0, "file", [str(file) for file in files])
-    known = [str(name) for name in rows]
-    quantities = [each.removesuffix(f".{ERROR}") for each in known if each.endswith(f".{ERROR}")]
-    found = frame_of(_mean(rows, quantity) for quantity in quantities)
-    found.attrs["records"] = rows
-    return found
+    return _each_quantity(rows, "records", _mean_over_records)
 
 
-def _mean(rows: DataFrame, quantity: str) -> dict[str, Any]:
-    """The row of a quantity; NaN where the answer of any record lacks it."""
-    value, error, bias = (
-        rows[name].to_numpy(dtype=float)
-        for name in (quantity, f"{quantity}.{ERROR}", f"{quantity}.{BIAS}")
-    )
-    if f"{quantity}.{LIMIT}" in rows:  # what was not seen in a record may be as large as its limit
-        bias = bias + rows[f"{quantity}.{LIMIT}"].fillna(0.0).to_numpy(dtype=float)
+def _each_quantity(
+    rows: DataFrame, of: str, mean: Callable[..., dict[str, Any]], *more: Any
+) -> DataFrame:
+    """A row for each quantity of answers, which a function makes of its numbers in their rows:
+    values, standard errors and biases; the rows of the answers are an attribute of this name."""
+    found = []
+    for name in (str(each) for each in rows if f"{each}.{ERROR}" in rows):
+        value, error, bias = (rows[f"{name}{end}"].to_numpy(float) for end in ENDS)
+        if f"{name}.{LIMIT}" in rows:  # what was not seen may be as large as its limit
+            bias = bias + rows[f"{name}.{LIMIT}"].fillna(0.0).to_numpy(float)
+        found.append({"quantity": name} | mean(name, value, error, bias, *more))
+    table = frame_of(found)
+    table.attrs[of] = rows
+    return table
+
+
+ENDS = ("", f".{ERROR}", f".{BIAS}")
+"""Endings of the columns of a quantity: its value and the errors that every row has."""
+
+
+def _mean_over_records(
+    quantity: str, value: Vector, error: Vector, bias: Vector
+) -> dict[str, float]:
+    """The mean of a quantity over records; NaN where the answer of any record lacks it."""
     count, mean, spread = len(value), float(value.mean()), float(value.std(ddof=1))
     left = float(abs(bias).mean())
     # the scatter of the values holds their statistical errors
@@ -755,8 +736,8 @@ def _mean(rows: DataFrame, quantity: str) -> dict[str, Any]:
         low, high = max(low, 0.0), min(high, 1.0)  # a probability
     between = spread**2 - float((error**2).mean())
     return {
-        "quantity": quantity, "mean": mean, "low": low, "high": high,
-        "bias": left, "statistical_error": math.sqrt(float((error**2).sum())) / count,
+        "mean": mean, "low": low, "high": high, "bias": left,
+        "statistical_error": math.sqrt(float((error**2).sum())) / count,
         "std_between_records": math.sqrt(max(between, 0.0)) if between == between else math.nan,
     }  # fmt: skip
 
@@ -860,12 +841,8 @@ def mean_over_units(
         progress=progress,
     )  # fmt: skip
     rows.insert(0, "weight", weights)
-    known = [str(name) for name in rows]
-    quantities = [each.removesuffix(f".{ERROR}") for each in known if each.endswith(f".{ERROR}")]
     bases = [spreads[tolerance].polynomials(nodes) for tolerance, _ in columns]
-    found = frame_of(_mean_over_points(rows, quantity, bases) for quantity in quantities)
-    found.attrs["units"] = rows
-    return found
+    return _each_quantity(rows, "units", _mean_over_units, np.array(weights), bases)
 
 
 def _left_out(value: Vector, weight: Vector, bases: Sequence[Matrix]) -> float:
@@ -887,18 +864,13 @@ def _left_out(value: Vector, weight: Vector, bases: Sequence[Matrix]) -> float:
     return found
 
 
-def _mean_over_points(rows: DataFrame, quantity: str, bases: Sequence[Matrix]) -> dict[str, Any]:
-    """The row of a quantity; NaN where the answer of any unit lacks it."""
-    weight, value, error = (
-        rows[name].to_numpy(dtype=float) for name in ("weight", quantity, f"{quantity}.{ERROR}")
-    )
-    bias = rows[f"{quantity}.{BIAS}"].to_numpy(dtype=float)
-    if f"{quantity}.{LIMIT}" in rows:  # what was not seen in a unit may be as large as its limit
-        bias = bias + rows[f"{quantity}.{LIMIT}"].fillna(0.0).to_numpy(dtype=float)
+def _mean_over_units(
+    _: str, value: Vector, error: Vector, bias: Vector, weight: Vector, bases: Sequence[Matrix]
+) -> dict[str, float]:
+    """The mean of a quantity over units; NaN where the answer of any unit lacks it."""
     mean = float(weight @ value)
     between = float(weight @ (value - mean) ** 2 - weight @ error**2)
     return {
-        "quantity": quantity,
         "mean": mean,
         "standard_error": math.sqrt(float(weight**2 @ error**2)),
         "bias": float(weight @ np.abs(bias)) + _left_out(value, weight, bases),

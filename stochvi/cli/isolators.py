@@ -352,8 +352,6 @@ def size(question: Question) -> Show:
     def reviewed(answer: Sizing, table: DataFrame | None) -> dict[str, Any]:
         from stochvi.isolators.sizing.review import ReviewSettings, review
 
-        if answer.production is not None:
-            options.draw("production", answer.production.plot)
         if answer.several:
             return {"sensitivity": table}
         settings = ReviewSettings(budget=deadline.rest or BUDGET)
@@ -420,7 +418,7 @@ def replay(question: Question) -> Show:
     "absorbers.performance:absorber", "budget, seed, threads, json, out, force, quiet",
     progress="absorber",
 )  # fmt: skip
-def absorber(question: Question) -> Show:
+def absorber(question: Question) -> None:
     """Judge an impact absorber, or find the best one.
 
     The scene needs an [absorber] with mass (kg), play (m, total, stop to stop) and law, and an
@@ -463,12 +461,3 @@ def absorber(question: Question) -> Show:
         kept |= {"mass_budget": mass, "restitutions": asked["restitutions"]}
         kept |= {"units": [round(number) for number in asked["masses"]]}
         question.asks("absorbers.design:design_absorber", "absorber", kept)
-
-    def show(found: Any) -> None:
-        from stochvi.views.absorbers import draw_plays
-
-        question.show(found)
-        if getattr(found, "play_curve", None):  # of a box that is judged
-            question.options.draw("absorber-play", lambda: draw_plays(found))
-
-    return show

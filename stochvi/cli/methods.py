@@ -111,7 +111,7 @@ def fokker_planck(question: Question) -> Show:
 
 
 @declare("methods.fokker_planck:first_passage", ANSWERED, name="first-passage")
-def first_passage(question: Question) -> Show:
+def first_passage(question: Question) -> None:
     """Find P(first impact or passage before t), and its rate.
 
     --barrier B|LO,HI (barriers)  Barrier, m from the unloaded spring; leave LO or HI empty for
@@ -127,17 +127,6 @@ def first_passage(question: Question) -> Show:
         raise ValueError("needs exactly one of --times and --mission; give one")
     asked["times"] = asked["times"] or [part * mission for part in MISSION_PARTS]
     asked["lower"], asked["upper"] = asked.pop("barrier") or (None, None)
-
-    def show(found: Any) -> None:
-        def picture() -> Axes:
-            ax = found.plot()
-            ax.set_title(question.scene.title)
-            return ax  # type: ignore[no-any-return]
-
-        question.show(found)
-        question.options.draw("first_passage", picture)
-
-    return show
 
 
 @declare("methods.linearisation:linearise", ANSWERED, judged=True)

@@ -190,6 +190,8 @@ class Common:
             write_table(table, self.out / f"{name}.csv")
         if view.file and view.drawn is not None and view.has_picture(found):
             self.draw(view.file, lambda: view.draw(found, scene.title if scene else ""))
+        for name, picture in view.pictures(found).items():
+            self.draw(name, picture)
 
     def tell(
         self, document: Mapping[str, Any], told: Callable[[], Sequence[Told]],

@@ -62,8 +62,6 @@ def check(
 
     def show(verdict: Check | Checks) -> None:
         options.show(verdict)
-        if len(loaded) > 1:
-            options.draw("scores", verdict.plot)
         failed.extend([] if verdict.passed else [verdict.summary()])
 
     with options.within(seconds):

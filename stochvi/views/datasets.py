@@ -17,6 +17,7 @@ from stochvi.results.base import (
     RESPONSE_QUANTITIES,
     DataFrame,
     Result,
+    Stated,
     estimate_of,
     frame_of,
     rows_of,
@@ -35,10 +36,7 @@ from stochvi.scenes.keys import KEY_UNITS
 from stochvi.views.axes import Chart, Scale, panels
 from stochvi.views.files import try_picture, write_bytes, write_table
 from stochvi.views.pages import Grid, Section, Told
-from stochvi.views.tables import (
-    NEGLIGIBLE,
-    QUANTITY_NAMES,
-)
+from stochvi.views.tables import NEGLIGIBLE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -57,61 +55,36 @@ SIZE = (7.2, 4.4)
 MOST_IN_A_LEGEND = 12
 """Largest number of lines of a picture that a legend names; more would cover the picture."""
 
-SUMMARY_UNITS = {
-    "displacement_max": "m",
-    "displacement_min": "m",
-    "acceleration_max": "m/s^2",
-    "impact_speed_max": "m/s",
-    "contact_time": "s",
-    "clearance": "m",
-    "three_sigma": "m",
-    "rms_displacement": "m",
-    "expected_hits": "1",
-    "probability_at_three_sigma": "1",
-    "hit": "1",
-    "passage": "1",
-    "impact_speed": "1",
-    "peak_acceleration": "1",
-}
-"""Units of quantities of replays, sizings and reliabilities; those of events are probabilities."""
+OF_ANSWERS = {
+    "clearance": Stated("clearance per side", "m"), "three_sigma": Stated("3 sigma", "m"),
+    "expected_hits": Stated("expected impacts", "1"),
+    "hit": Stated("probability of any impact", "1"),
+    "passage": Stated("probability of a passage", "1"),
+    "impact_speed": Stated("probability of too fast an impact", "1"),
+    "peak_acceleration": Stated("probability of too sharp an impact", "1"),
+    "displacement_max": Stated("largest x", "m"), "displacement_min": Stated("smallest x", "m"),
+    "acceleration_max": Stated("peak acceleration", "m/s^2"), "hits": Stated("impacts", ""),
+    "impact_speed_max": Stated("largest impact speed", "m/s"),
+}  # fmt: skip
+"""Quantities of sizings, reliabilities and replays, which are no fields of a response, in the order
+in which a terminal and a contact sheet show them."""
 
 GOVERNED = (
     "displacement_std", "acceleration_std", "collision_rate", "impact_speed_mean", "peak_force",
-    "clearance", "three_sigma", "expected_hits", "hit", "passage", "impact_speed",
-    "peak_acceleration", "displacement_max", "displacement_min", "acceleration_max", "hits",
-    "impact_speed_max",
+    *OF_ANSWERS,
 )  # fmt: skip
-"""Quantities that matter most, which the contact sheet shows in this order; the files hold all."""
-
-ON_TERMINAL = (
-    "displacement_std", "collision_rate", "impact_speed_rate", "clearance", "three_sigma",
-    "expected_hits", "hit", "passage", "impact_speed", "peak_acceleration", "displacement_max",
-    "displacement_min", "acceleration_max", "hits", "impact_speed_max",
-)  # fmt: skip
-"""The ones among these quantities that the table on the terminal shows."""
+ON_TERMINAL = {"displacement_std", "collision_rate", "impact_speed_rate", *OF_ANSWERS}
+"""Quantities that matter most, which the contact sheet and the terminal show; files hold all."""
 
 MOST_PANELS, PANEL = 12, (3.6, 2.9)
 """Largest number of pictures on a contact sheet, and the size of one, inches."""
 
-EVENT_NAMES = {
-    "clearance": "clearance per side",
-    "three_sigma": "3 sigma",
-    "expected_hits": "expected impacts",
-    "hit": "probability of any impact",
-    "passage": "probability of a passage",
-    "impact_speed": "probability of too fast an impact",
-    "peak_acceleration": "probability of too sharp an impact",
-    "displacement_max": "largest x",
-    "displacement_min": "smallest x",
-    "acceleration_max": "peak acceleration",
-    "hits": "impacts",
-    "impact_speed_max": "largest impact speed",
-}
-"""Quantities of sizings, reliabilities and replays in words."""
-
-UNITS = {name: each.unit for name, each in RESPONSE_QUANTITIES.items()} | SUMMARY_UNITS
-"""Units of all quantities of a sweep."""
-
+WORDS = {name: each.words for name, each in (RESPONSE_QUANTITIES | OF_ANSWERS).items()}
+UNITS = {
+    **{name: each.unit or "1" for name, each in (RESPONSE_QUANTITIES | OF_ANSWERS).items()},
+    "contact_time": "s", "rms_displacement": "m", "probability_at_three_sigma": "1",
+}  # fmt: skip
+"""Words and units of all quantities of a sweep."""
 
 UNIT_ENDINGS = ("_hz", "_db", "_kmh")
 """Endings of keys that state their unit themselves."""
@@ -154,7 +127,7 @@ def unseen(table: DataFrame) -> pd.Series:
 def _shown(table: DataFrame, unit: str) -> ShownQuantity:
     """A unit as the method of a table shows it: responses are in SI units, answers on gaps in mm
     and g."""
-    on_gaps = any(each.rsplit(".", 1)[1] in SUMMARY_UNITS for each in quantities(table))
+    on_gaps = any(each.rsplit(".", 1)[1] in OF_ANSWERS for each in quantities(table))
     return readable(unit) if on_gaps else shown_as(unit)
 
 
@@ -167,7 +140,7 @@ def _named(table: DataFrame, quantity: str) -> str:
     owner, name = quantity.rsplit(".", 1)
     several = sum(other.endswith(f".{name}") for other in quantities(table)) > 1
     whose = f"{owner}: " if several else ""
-    words = EVENT_NAMES.get(name) or QUANTITY_NAMES.get(name) or name.replace("_", " ")
+    words = WORDS.get(name) or name.replace("_", " ")
     unit = str(_quantity(table, quantity))
     return f"{whose}{words}" if unit == "1" else f"{whose}{words} ({unit})"
 
@@ -208,7 +181,7 @@ def draw_sweep(
         ax.legend(frameon=False, fontsize="small")
     ax.set(xlabel=chart.x.label, ylabel=_named(table, quantity))
     if _spans_decades(table[quantity]) or (
-        UNITS.get(name) == "1" and name in SUMMARY_UNITS and (table[quantity] > 0.0).all()
+        name in OF_ANSWERS and OF_ANSWERS[name].unit == "1" and (table[quantity] > 0.0).all()
     ):
         ax.set_yscale("log")
     if alone:

@@ -380,6 +380,8 @@ class View(NamedTuple):
     """Whether this answer has something to draw."""
     tables: Callable[[Any], dict[str, DataFrame]] = lambda found: {}
     """Other tables by their files."""
+    pictures: Callable[[Any], dict[str, Callable[[], Axes]]] = lambda found: {}
+    """Other pictures by their files."""
 
     def files(self, found: Any) -> dict[str, DataFrame]:
         """All tables of an answer by their files."""
@@ -457,7 +459,12 @@ def write_report(
 
 VIEWS = {
     "AbsorberReport": View(
-        "absorbers", "absorber", "absorber", page="performance_page", numbers="absorber"
+        "absorbers", "absorber", "absorber", page="performance_page", numbers="absorber",
+        pictures=lambda found: (
+            {"absorber-play": lambda: function_of("absorbers", "draw_plays")(found)}
+            if found.play_curve
+            else {}
+        ),
     ),
     "AbsorberSine": View(
         "absorbers", "absorber_sine", "absorber-sine", page="sine_page", numbers="absorber"
@@ -466,7 +473,9 @@ VIEWS = {
     "Bifurcation": View("sine", "bifurcation", "bifurcation"),
     "BumperMap": View("statistics", "bumper_map", "map", titled=True),
     "Check": View("verification", "check", "check", None),
-    "Checks": View("verification", "checks", "check", None),
+    "Checks": View(
+        "verification", "checks", "check", None, pictures=lambda found: {"scores": found.plot}
+    ),
     "Damage": View(
         "statistics", "damage", "damage", titled=True,
         tables=lambda found: {} if found.test is None else {"profile": found.test.to_frame()},
@@ -480,7 +489,7 @@ VIEWS = {
         tables=lambda found: {"absorber-design": found.curve},
     ),
     "Explanation": View("verification", "explanation", "methods", None),
-    "FirstPassage": View("density", "first_passage", "first_passage", None),
+    "FirstPassage": View("density", "first_passage", "first_passage", titled=True),
     "HarmonicResponse": View("sine", "sine", "sine"),
     "History": View(
         "density", "history", "history", None, plot="plot_motion",
@@ -524,6 +533,9 @@ VIEWS = {
     "Sizing": View(
         "isolator_tables", "sizing", page="report.sizing:sizing_page", numbers="size",
         beside="report.sizing:write_sizing_files",
+        pictures=lambda found: (
+            {} if found.production is None else {"production": found.production.plot}
+        ),
     ),
     "Stability": View("sine", "stability", "stability"),
     "Transient": View("pictures", "transient"),
