@@ -479,11 +479,6 @@ class Screening(Result):
             "zero up-crossings (Hz)": each.zero_crossing_rate,
         }
 
-    def gaps_to_frame(self) -> DataFrame:
-        """A row per pair: millimetres, and impacts per hour by Rice, unless other units are
-        shown."""
-        return frame_of(self.rows_of_gaps())
-
     def rows_of_gaps(self) -> list[dict[str, str | float]]:
         """The rows of that table."""
         return [

@@ -20,10 +20,10 @@ from stochvi.views.pages import (
     Fact,
     Grid,
     Page,
+    Picture,
     Section,
     Told,
     page_of,
-    shown,
     told_of,
 )  # fmt: skip
 from stochvi.views.tables import UNKNOWN, spoken_length
@@ -86,7 +86,7 @@ def _motion(found: AbsorberReport) -> Section:
             "Peak factor: largest displacement from the mean in 100 periods, over the rms. "
             "± is half of a 95 % interval.",
         ],
-        pictures=[shown(lambda: plot_absorber(found), "The same over the level, 95 %.")],
+        pictures=[Picture(lambda: plot_absorber(found), "The same over the level, 95 %.")],
     )
 
 
@@ -132,7 +132,7 @@ def _plays(found: AbsorberReport) -> Section:
             "play {m}; over this box's = play_factor {.3g}; ratio",
             0,
         ),
-        pictures=[shown(lambda: draw_plays(found), "rms ratio over the play of the box, 95 %.")],
+        pictures=[Picture(lambda: draw_plays(found), "rms ratio over the play of the box, 95 %.")],
     )
 
 
@@ -182,7 +182,7 @@ def design_told(found: Design) -> Told:
                     "play is total, from stop to stop.",
                 ],
                 pictures=[
-                    shown(lambda: plot_design(found), "rms ratio over play; bars: two errors.")
+                    Picture(lambda: plot_design(found), "rms ratio over play; bars: two errors.")
                 ],
             ),
             *_tuned(found.tuned_damper),
@@ -259,7 +259,7 @@ def absorber_sine_told(found: AbsorberSine) -> Told:
                     "their ratio is that of simulated sweeps, the others are exact.",
                 ],
                 pictures=[
-                    shown(
+                    Picture(
                         lambda: plot_absorber_sine(found),
                         "Largest and least ratio of the motions that may last.",
                     )

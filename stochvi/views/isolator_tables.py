@@ -28,10 +28,10 @@ from stochvi.views.axes import (
 )
 from stochvi.views.pages import (
     Grid,
+    Picture,
     Section,
     Told,
     sentence,
-    shown,
 )
 from stochvi.views.sizing import (
     plot_costs,
@@ -145,8 +145,8 @@ def production_section(found: Production | None) -> Section:
             ),
         ],
         pictures=[
-            shown(lambda: plot_units(found), "Units by their probability of any impact."),
-            shown(lambda: plot_costs(found), "Clearance that each tolerance costs."),
+            Picture(lambda: plot_units(found), "Units by their probability of any impact."),
+            Picture(lambda: plot_costs(found), "Clearance that each tolerance costs."),
         ],
         notes=[*map(sentence, risk_in_words(found)), f"Method of the production: {found.method}."],
     )
@@ -272,7 +272,7 @@ def _one(sizing: Sizing) -> list[Section]:
                 *_impacts(sizing),
             ],
             pictures=[
-                shown(
+                Picture(
                     lambda: plot_risk(sizing, axes_or_new(None, TALL)),
                     "Probability in the mission that an impact exceeds the limit, against "
                     "clearance, as simulated with the stops; grey: that of any impact."
@@ -345,7 +345,7 @@ def _several(sizing: Sizing) -> list[Section]:
                 ),
             ],
             pictures=[
-                shown(
+                Picture(
                     lambda: plot_pairs_risk(sizing),
                     "Probability of any impact as all clearances change.",
                     front=True,
@@ -515,7 +515,7 @@ def _phases(found: MissionSizing) -> Section:
         else "The mission starts in its stationary motion.",
         grids=[*_places(found), *grids],
         pictures=[
-            shown(
+            Picture(
                 lambda: plot_mission_sizing(found),
                 "Probability of any impact in the mission against the clearance, 95 %.",
                 front=True,
@@ -548,12 +548,12 @@ def _damage(found: DamageSizing) -> Section:
             ),
         ],
         pictures=[
-            shown(
+            Picture(
                 lambda: plot_damage_sizing(found),
                 "What stops add to the damage, less 1.",
                 front=True,
             ),
-            shown(
+            Picture(
                 lambda: plot_damage(found.damage),
                 "Spectra at the clearance that is nearest to the calculated one.",
             ),

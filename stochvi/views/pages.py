@@ -215,7 +215,7 @@ def sentence(text: str) -> str:
     return f"{capital(text).removesuffix('.')}."
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Picture:
     """A picture with its caption, drawn when a page shows it; a wide one takes the width of the
     page, and one of the `front` stands on the sheet that is signed."""
@@ -242,12 +242,6 @@ class Picture:
         plt.close(figure)
         encoded = base64.b64encode(memory.getvalue()).decode("ascii")
         return f"data:image/svg+xml;base64,{encoded}"
-
-
-def shown(draw: Callable[[], Axes], caption: str, **where: bool) -> Picture:
-    """The picture that `draw` makes, with its caption; `where` says whether it is wide, and whether
-    it is of the front."""
-    return Picture(draw=draw, caption=caption, **where)
 
 
 @dataclass(frozen=True, kw_only=True)

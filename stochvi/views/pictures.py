@@ -37,7 +37,6 @@ from stochvi.views.axes import (
 )
 from stochvi.views.files import to_json, write_report_page, write_text
 from stochvi.views.pages import Grid, Told, told_of
-from stochvi.views.sizing import plot_pairs_risk, plot_risk
 from stochvi.views.tables import (
     NEGLIGIBLE,
     QUANTITY_NAMES,
@@ -48,7 +47,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from stochvi.isolators.jolt_response import Jolts
-    from stochvi.isolators.sizing.answer import Sizing
     from stochvi.methods.fokker_planck.transients import Transient
     from stochvi.methods.replay.recorded_motion import Replay
     from stochvi.results.base import PairResponse, Response, Result
@@ -350,11 +348,6 @@ def plot_jolts(found: Jolts, ax: Axes | None = None) -> Axes:
     return chart.finish()
 
 
-def plot_sizing(sizing: Sizing, ax: Axes | None = None) -> Axes:
-    """Risk against the clearance of one gap, or against those of several."""
-    return (plot_pairs_risk if sizing.several else plot_risk)(sizing, ax)
-
-
 class View(NamedTuple):
     """How an answer of a class is shown: by `NAME_told` and `plot_NAME` of a file of this room, or
     of this file. They are imported when they are needed.
@@ -532,6 +525,7 @@ VIEWS = {
     ),
     "Sizing": View(
         "isolator_tables", "sizing", page="report.sizing:sizing_page", numbers="size",
+        plot="sizing:plot_sizing",
         beside="report.sizing:write_sizing_files",
         pictures=lambda found: (
             {} if found.production is None else {"production": found.production.plot}

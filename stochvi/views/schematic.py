@@ -11,7 +11,7 @@ import numpy as np
 
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import LENGTH, ShownQuantity
-from stochvi.results.base import DataFrame
+from stochvi.results.base import DataFrame, named_with_units
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.scenes.structures.modes import Span
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from stochvi.isolators.sizing.answer import Sizing
-    from stochvi.methods.replay.recorded_motion import Histories, ReplayAt
+    from stochvi.methods.replay.recorded_motion import ReplayAt
     from stochvi.results.base import Response
     from stochvi.scenes.scene import ImpactPair, Scene
     from stochvi.statistics.histories import History
@@ -202,21 +202,12 @@ def draw_shapes(found: History | ReplayAt, scene: Scene, title: str = "") -> Axe
     return _draw_span(motion, scene, structure, title)
 
 
-def _modal(found: History, scene: Scene) -> Matrix:
+def _modal(samples: DataFrame, scene: Scene) -> Matrix:
     """Displacements of the modes at the samples (samples, modes), m."""
-    if "displacement_m" in found.samples:
-        return np.asarray(found.samples[["displacement_m"]].to_numpy() / _share_of_gap(scene))
+    if "displacement_m" in samples:
+        return np.asarray(samples[["displacement_m"]].to_numpy() / _share_of_gap(scene))
     names = [f"{name}.displacement_m" for name in scene.expanded.structure.coordinates]
-    return np.asarray(found.samples[names].to_numpy())
-
-
-def _of_replay(found: Histories, scene: Scene) -> Matrix:
-    """The same of a replay."""
-    if len(found.displacement) == 1:
-        return np.column_stack(list(found.displacement.values())) / _share_of_gap(scene)
-    return np.column_stack(
-        [found.displacement[name] for name in scene.expanded.structure.coordinates]
-    )
+    return np.asarray(samples[names].to_numpy())
 
 
 def _share_of_gap(scene: Scene) -> float:
@@ -228,16 +219,14 @@ def _share_of_gap(scene: Scene) -> float:
 
 def _motion_of(found: History | ReplayAt, scene: Scene) -> Motion:
     """The motion of a realisation, or of a replay whose samples were kept."""
-    replayed = getattr(found, "histories", None)
-    if replayed is not None:
-        modes, time, moment, speed = _of_replay(replayed, scene), replayed.time, "time", "speed"
-    else:
-        kept = cast("History", found)
-        modes, time = _modal(kept, scene), kept.samples["time_s"]
-        moment, speed = "time_s", "speed_m_s"
-    fastest = found.impacts.sort_values(speed, ascending=False)[:MOST_SHAPES]
-    touches = np.minimum(np.searchsorted(time, fastest[moment]), len(modes) - 1)
-    return Motion(modes, touches, float(fastest[moment].iloc[0]), float(fastest[speed].iloc[0]))
+    impacts, replayed = found.impacts, getattr(found, "histories", None)
+    samples = cast("History", found).samples if replayed is None else replayed.to_frame()
+    samples, impacts = named_with_units(samples), named_with_units(impacts)
+    modes = _modal(samples, scene)
+    fastest = impacts.sort_values("speed_m_s", ascending=False)[:MOST_SHAPES]
+    touches = np.minimum(np.searchsorted(samples["time_s"], fastest["time_s"]), len(modes) - 1)
+    moment, speed = (float(fastest[name].iloc[0]) for name in ("time_s", "speed_m_s"))
+    return Motion(modes, touches, moment, speed)
 
 
 def _draw_span(motion: Motion, scene: Scene, span: Span, title: str) -> Axes:

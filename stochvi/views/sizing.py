@@ -32,7 +32,6 @@ from stochvi.views.axes import (
     PAGE,
     Chart,
     Scale,
-    add_title,
     bounds_of,
     density_of,
     length_of,
@@ -232,6 +231,11 @@ def _draw_marks(chart: Chart, marks: Sequence[tuple[str, str, float]]) -> None:
         chart.at(place, words, colour, linewidth=1.8 if words is marks[-1][1] else 1.0)
 
 
+def plot_sizing(sizing: Sizing, ax: Axes | None = None) -> Axes:
+    """Risk against the clearance of one gap, or against those of several."""
+    return (plot_pairs_risk if sizing.several else plot_risk)(sizing, ax)
+
+
 def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
     """Probability in the mission that the target limits against clearance, 3 sigma and the
     calculated clearance marked: that of any impact or, of a target with a limit, that an impact
@@ -294,11 +298,6 @@ def _draw_limit(chart: Chart, sizing: Sizing) -> float:
         chart.points(unseen["clearance"], highest, words, form="v")
     drawn = [*known["probability"], *unseen["probability_high"]]
     return min(0.1 * accepted, 0.3 * min(drawn, default=1.0))
-
-
-def draw_sizing(sizing: Sizing, title: str = "") -> Axes:
-    """The risk against clearance as a figure with a title."""
-    return add_title(plot_risk(sizing), title or "clearance and risk")
 
 
 def _spectra(review: Review, ax: Axes | None, y: Scale) -> tuple[Chart, DataFrame]:
@@ -519,11 +518,6 @@ def _joined(names: list[str]) -> str:
     if len(names) <= MOST_JOINED:
         return ", ".join(names)
     return f"{', '.join(names[: MOST_JOINED - 1])} and {len(names) - MOST_JOINED + 1} more"
-
-
-def draw_pairs_risk(sizing: Sizing, title: str = "") -> Axes:
-    """The risk against the clearances as a figure with a title."""
-    return add_title(plot_pairs_risk(sizing), title or "clearances and risk")
 
 
 LABEL_WIDTH = 26

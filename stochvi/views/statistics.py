@@ -58,9 +58,9 @@ from stochvi.views.axes import (
 )
 from stochvi.views.pages import (
     Grid,
+    Picture,
     Section,
     Told,
-    shown,
     told_of,
 )
 
@@ -647,7 +647,7 @@ def reliability_told(found: Reliability) -> Told:
             risk=lambda _, risk: chance_of(risk),
         ),
     ]  # fmt: skip
-    picture = shown(lambda: plot_chances(found), f"Probabilities in {mission}, with intervals.")
+    picture = Picture(lambda: plot_chances(found), f"Probabilities in {mission}, with intervals.")
     probabilities = Section(
         title="Probabilities",
         lead=f"Intervals at {100.0 * found.confidence:g} % hold the statistical errors alone; a "

@@ -41,7 +41,7 @@ from stochvi.results.estimates import Estimate, plus_minus, spoken_percent
 from stochvi.results.files import Origin, origin_of
 from stochvi.scenes.excitations import Excitation
 from stochvi.scenes.scene import Scene
-from stochvi.views.pages import Fact, Grid, Page, Section, shown
+from stochvi.views.pages import Fact, Grid, Page, Picture, Section
 from stochvi.views.report import write_report
 from stochvi.views.report.sections import (
     environment_section,
@@ -173,7 +173,7 @@ def test_every_picture_is_a_whole_svg_without_references(html: str) -> None:
 
 def test_the_same_figure_gives_the_same_bytes(reviewed: Review, html: str) -> None:
     before = plt.get_fignums()
-    again = shown(lambda: plot_input(reviewed), "again")
+    again = Picture(lambda: plot_input(reviewed), "again")
     assert f'src="{again.uri}"' in html
     assert plt.get_fignums() == before
 

@@ -146,8 +146,8 @@ class Branch:
 
 COLUMNS = (
     "branch", "form", "impacts", "sticking", "impacts_per_period", "periods", "value",
-    "frequency_hz", "displacement_max", "acceleration_max", "impact_speed_max", "multiplier",
-    "stable", "admissible", "name",
+    "frequency_hz", "displacement_max", "amplitude", "acceleration_max", "impact_speed_max",
+    "multiplier", "stable", "admissible", "name",
 )  # fmt: skip
 """Columns of a table of regimes."""
 
@@ -341,22 +341,12 @@ class HarmonicResponse(Result):
         """One row for each point of each branch, SI units."""
         return stacked(
             (
-                {
+                {name: getattr(branch, name, None) for name in COLUMNS}
+                | {
                     "branch": number,
-                    "form": branch.form,
                     "impacts": " ".join(stop.replace(" ", "-") for stop in branch.stops),
                     "sticking": " ".join(stop.replace(" ", "-") for stop in branch.sticking),
-                    "impacts_per_period": branch.impacts_per_period,
-                    "periods": branch.periods,
-                    "value": branch.value,
-                    "frequency_hz": branch.frequency_hz,
-                    "displacement_max": branch.displacement_max,
-                    "amplitude": branch.amplitude,
-                    "acceleration_max": branch.acceleration_max,
                     "impact_speed_max": branch.impact_speed.max(axis=1, initial=0.0),
-                    "multiplier": branch.multiplier,
-                    "stable": branch.stable,
-                    "admissible": branch.admissible,
                     "name": list(branch.names),
                 }
                 for number, branch in enumerate(self.branches)

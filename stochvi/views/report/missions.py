@@ -37,7 +37,6 @@ from stochvi.views.pages import (
     Picture,
     Section,
     page_of,
-    shown,
 )
 from stochvi.views.report.sections import (
     clearance_cards,
@@ -135,7 +134,7 @@ def _environment(found: MissionSizing) -> Section:
             for phase in scene.phases
         ],
         pictures=[
-            shown(
+            Picture(
                 lambda: plot_densities(densities),
                 "One-sided density of the acceleration of the base in each phase.",
             )
@@ -197,7 +196,7 @@ def _stops(found: ClearanceAnswer) -> Section:
             for side, law in pair.stops()
         ],
         pictures=[
-            shown(
+            Picture(
                 lambda: draw_problem(made, found.rests),
                 f"The scene with its stops {where}; not to scale.",
                 wide=True,
@@ -279,7 +278,7 @@ def _scene_section(scene: Scene, hung: SceneAtRest) -> Section:
         title="Scene",
         facts=facts,
         pictures=[
-            shown(
+            Picture(
                 lambda: draw_problem(drawn, hung.gaps),
                 "The scene with its stops as the scene file states them; not to scale.",
                 wide=True,
@@ -342,7 +341,7 @@ def _replay_pictures(found: Replay, scene: Scene) -> list[Picture]:
     single = found.only
     if single is None:
         return [
-            shown(
+            Picture(
                 lambda: plot_clearances(found, axes_or_new(None, PAGE)),
                 "Impacts and the largest speed against clearance.",
             )
@@ -350,7 +349,7 @@ def _replay_pictures(found: Replay, scene: Scene) -> list[Picture]:
     if found.histories is None:
         return []
     shape = (
-        shown(
+        Picture(
             lambda: draw_shapes(single, scene, "under the record"),
             "The structure with its stops: its shape at impacts, and its rms where it is a line.",
         )
@@ -359,11 +358,11 @@ def _replay_pictures(found: Replay, scene: Scene) -> list[Picture]:
     )
     return [
         *([] if shape is None else [shape]),
-        shown(
+        Picture(
             lambda: plot_history(single, axes_or_new(None, PAGE)),
             "The motion with its stops and impacts.",
         ),
-        shown(
+        Picture(
             lambda: plot_waterfall(single, axes_or_new(None, PAGE)),
             "Waterfall: short-time spectra of the absolute acceleration, impacts marked above.",
         ),

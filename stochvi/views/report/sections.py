@@ -24,7 +24,7 @@ from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.views.isolator_tables import (
     interval_in_words,
 )
-from stochvi.views.pages import Fact, Grid, Section, shown
+from stochvi.views.pages import Fact, Grid, Picture, Section
 from stochvi.views.schematic import (
     draw_gaps,
     draw_problem,
@@ -203,7 +203,7 @@ def environment_section(review: Review) -> Section:
     pictures = []
     if found.spectra is not None:
         pictures = [
-            shown(
+            Picture(
                 lambda: plot_input(review),
                 "One-sided densities: the base acceleration with its breakpoints and a band of "
                 "±3 dB, and the absolute acceleration of the mass without stops.",
@@ -322,7 +322,7 @@ def gap_section(review: Review) -> Section:
         "stops; what the impacts do depends on it.",
         facts=facts,
         pictures=[
-            shown(
+            Picture(
                 lambda: draw_problem(drawn, dict.fromkeys(names, found.mean_position)),
                 f"The scene with its stops {where}; not to scale.",
                 wide=True,
@@ -367,7 +367,7 @@ def pairs_gap_section(found: ClearanceAnswer) -> Section:
     return Section(
         title="Gaps and stops",
         pictures=[
-            shown(
+            Picture(
                 lambda: draw_gaps(found.as_made().impact_pairs, found.rests),
                 f"Stops {where}, from the unloaded mounts.",
                 front=True,
@@ -398,7 +398,7 @@ def box_sections(sizing: Sizing) -> list[Section]:
                 *Grid.of("Natural modes without stops", modes_in_rows(sizing.box.modes), words=0),
             ],
             pictures=[
-                shown(
+                Picture(
                     lambda: plot_box(sizing),
                     "The box, its mounts and its snubbers, by their risk with the stops of the "
                     "scene.",

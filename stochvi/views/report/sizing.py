@@ -22,6 +22,7 @@ from stochvi.mathematics.units import (
 from stochvi.results.base import DataFrame, Response, is_speed, named_with_units, stacked
 from stochvi.results.estimates import Estimate, count_of, spoken_percent
 from stochvi.results.files import Origin
+from stochvi.views.axes import add_title
 from stochvi.views.files import try_picture, write_table
 from stochvi.views.isolator_tables import screening_section, sizing_told
 from stochvi.views.pages import (
@@ -31,7 +32,6 @@ from stochvi.views.pages import (
     Picture,
     Section,
     page_of,
-    shown,
 )
 from stochvi.views.report.sections import (
     box_sections,
@@ -44,13 +44,12 @@ from stochvi.views.report.sections import (
     pairs_gap_section,
 )
 from stochvi.views.sizing import (
-    draw_pairs_risk,
-    draw_sizing,
     plot_exceedances,
     plot_histogram,
     plot_hit_rate,
     plot_impact_speeds,
     plot_peaks,
+    plot_sizing,
     plot_transmissibility,
 )
 from stochvi.views.tables import (
@@ -139,7 +138,7 @@ def stops_section(review: Review) -> Section:
 
 def _pictures(review: Review, motion: MotionBetweenStops) -> list[Picture]:
     found = [
-        shown(
+        Picture(
             lambda: plot_histogram(review),
             "Relative displacement with stops at 3 sigma (grey), over the normal distribution "
             "without stops; logarithmic.",
@@ -147,14 +146,14 @@ def _pictures(review: Review, motion: MotionBetweenStops) -> list[Picture]:
     ]
     if motion.faster_hits is not None:
         found.append(
-            shown(
+            Picture(
                 lambda: plot_impact_speeds(review),
                 f"Impacts faster than a speed, per {RATE.time}, with stops at 3 sigma.",
             )
         )
     if (motion.transmissibility_change or 0.0) > NOTABLE_CHANGE:
         found.append(
-            shown(
+            Picture(
                 lambda: plot_transmissibility(review),
                 "Transmissibility without stops, and the apparent one with stops at 3 sigma; "
                 "forces of the stops are left out.",
@@ -238,7 +237,7 @@ def hard_hits_section(review: Review) -> Section:
             cells,
         ),
         pictures=[
-            shown(
+            Picture(
                 lambda: plot_exceedances(review),
                 f"Probability that the largest {what} of the mission exceeds a limit against "
                 f"clearance, for {marked['limit'].nunique()} limits.",
@@ -270,7 +269,7 @@ def peaks_section(review: Review) -> Section:
     pictures = []
     if table["stiffness_ratio"].notna().any():
         pictures = [
-            shown(
+            Picture(
                 lambda: plot_peaks(review),
                 f"Mean of the largest acceleration in {review.peak_window:g} s against clearance, "
                 "for stops that many times as stiff as the mount; the stops of the scene as "
@@ -308,8 +307,8 @@ def write_sizing_files(
     """Write the picture of the risk, and the tables of a page as CSV files; the names of their
     columns state SI units."""
     # this picture comes first, since those of the page may be left out for want of time
-    draw = draw_pairs_risk if sizing.several else draw_sizing
-    try_picture(lambda: draw(sizing, sizing.scene.title), folder / "risk.png")
+    title = sizing.scene.title or "clearance and risk"
+    try_picture(lambda: add_title(plot_sizing(sizing), title), folder / "risk.png")
     several = sizing.several
     tables = {
         "risk": sizing.curve,
@@ -446,7 +445,7 @@ def _screening(review: Review) -> Section:
         ),
     ]
     pictures = [
-        shown(
+        Picture(
             lambda: plot_hit_rate(review),
             f"Impacts per {RATE.time} (of all stops) against clearance: by Rice, the rate of first "
             "impacts, and simulated with the stops.",
