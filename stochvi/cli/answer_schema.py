@@ -116,8 +116,7 @@ CHANGES = {
     ),
     "Reliability": Change(optional=RECORD | {"production": Production}),
     "Screening": Change(
-        optional=METHOD
-        | dict.fromkeys(("displacement_std", "velocity_std"), float)
+        optional=dict.fromkeys(("displacement_std", "velocity_std"), float)
         | dict.fromkeys(("acceleration_std", "zero_crossing_rate"), float | None)
         | {"sines": Sequence[tuple[float, float]]}
     ),

@@ -192,13 +192,8 @@ def identify(
 
 
 @declare("isolators.screening:screen", "budget, json, out, quiet, verbose")
-def screen(question: Question) -> Show:
+def screen(question: Question) -> None:
     """Find the motion without stops: rms, 3 sigma, Rice."""
-
-    def show(found: Any) -> None:
-        question.show(found, document=lambda own: {"method": "screen", **own})
-
-    return show
 
 
 @command("kept budget, seed, threads, json, out, quiet, verbose")
@@ -306,7 +301,6 @@ def size(question: Question) -> Show:
     {keeping}
     """
     from stochvi.isolators.sizing.sensitivity import sensitivity as vary
-    from stochvi.results.base import plain
     from stochvi.results.deadline import partial_result
     from stochvi.scenes.scene import phase_duration
 
@@ -346,7 +340,7 @@ def size(question: Question) -> Show:
             question.unmet.append(f"not as accurate as asked for: {fell_short[0]}{more}")
         question.show(
             answer, lambda: reviewed(answer, table), sensitivity=table,
-            document=lambda own: own if table is None else own | {"sensitivity": plain(table)},
+            documented={} if table is None else {"sensitivity": table},
         )  # fmt: skip
 
     def reviewed(answer: Sizing, table: DataFrame | None) -> dict[str, Any]:

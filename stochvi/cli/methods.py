@@ -374,9 +374,10 @@ def reliability(question: Question) -> Show:
 
     def show(answer: Reliability) -> None:
         units = [units_of(answer)] if spreads else []
-        more = {"production": units[0].to_dict()} if units else {}
-        own = [production_told(each) for each in units]
-        question.show(answer, lambda: beside(*units), document=lambda found: found | more, more=own)
+        question.show(
+            answer, lambda: beside(*units), more=[production_told(each) for each in units],
+            documented={"production": units[0]} if units else {},
+        )  # fmt: skip
 
     def beside(units: Production | None = None) -> dict[str, Any]:
         from stochvi.isolators.screening import scene_at_rest

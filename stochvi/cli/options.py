@@ -171,18 +171,21 @@ class Common:
 
     def show(
         self, found: Any, scene: Scene | None = None, *,
-        document: Callable[[dict[str, Any]], dict[str, Any]] = lambda own: own,
+        documented: Mapping[str, Any] = MappingProxyType({}),
         verdict: tuple[RecordVerdict | None, str] = (None, ""), more: Sequence[Told] = (),
         **words: Any,
     ) -> None:  # fmt: skip
         """Show an answer as the options ask: its JSON document, what is told of it, its tables and
-        its picture under the title of the scene. `document` changes the document of the answer
-        alone, and `words` are for its description alone; `more` descriptions stand behind it."""
+        its picture under the title of the scene. What is `documented` stands in the document, too,
+        and `words` are for the description alone; `more` descriptions stand behind it."""
+        from stochvi.results.base import plain
         from stochvi.views.files import write_table
         from stochvi.views.pictures import view_of
 
         view = view_of(found)
-        known = {} if self.json_file is None else document(found.to_dict())
+        known: dict[str, Any] = {}
+        if self.json_file is not None:
+            known = found.to_dict() | {name: plain(each) for name, each in documented.items()}
         self.tell(known, lambda: [view.tell(found, **words), *more], *verdict)
         if self.out is None:
             return

@@ -385,6 +385,8 @@ class Screening(Result):
     stochvi.screen : The calculation.
     """
 
+    kind = "screen"
+
     not_in_document = COMMON
 
     coordinates: Mapping[str, CoordinateScreening]
