@@ -222,7 +222,7 @@ def in_three_columns(table: DataFrame) -> list[dict[str, str]]:
     return found
 
 
-def estimate_of(row: Mapping[str, Any], name: str = "") -> Estimate | None:
+def estimate_of(row: Mapping[str, Any], name: str = "", between: str = ".") -> Estimate | None:
     """The number of a row of a tidy table, or under a `name` in one of many numbers.
 
     Errors that are not there are 0, and a bias that is not known (NaN) is None. The answer is None
@@ -230,9 +230,12 @@ def estimate_of(row: Mapping[str, Any], name: str = "") -> Estimate | None:
 
     >>> estimate_of({"value": 2.0, "standard_error": 0.5, "bias": math.nan})
     2.00(50), bias not known []
+    >>> estimate_of({"ratio": 0.5, "ratio_error": 0.01}, "ratio", "_")
+    0.500(10) []
     """
-    before = f"{name}." if name else ""
+    before = f"{name}{between}" if name else ""
     errors = {each: row.get(before + each) for each in (ERROR, BIAS, BIAS_ERROR, LIMIT)}
+    errors[ERROR] = row.get(f"{before}error", errors[ERROR])
     known = {each: float(x) for each, x in errors.items() if x is not None and x == x}
     value = row[name or "value"]
     if not math.isfinite(value):

@@ -13,7 +13,7 @@ import numpy as np
 
 from stochvi.absorbers.design import AbsorberSine, Design, tuned_key
 from stochvi.mathematics.units import LENGTH
-from stochvi.results.estimates import Estimate, plus_minus
+from stochvi.results.estimates import plus_minus
 from stochvi.results.files import Origin
 from stochvi.views.axes import BAND_ALPHA, COLOURS, FREQUENCY, Chart, Scale, length_of, panels
 from stochvi.views.pages import (
@@ -216,9 +216,6 @@ def _candidates(found: Design) -> list[Grid]:
         found.candidates,
         "restitution; units; play; play/sigma = play_in_sigma; rms ratio = rms_ratio",
         0,
-        rms_ratio=lambda each: Estimate(
-            value=each["rms_ratio"], standard_error=each["rms_ratio_error"]
-        ),
     )
 
 

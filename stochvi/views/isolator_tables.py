@@ -132,9 +132,8 @@ def production_section(found: Production | None) -> Section:
             *Grid.of(
                 "what each tolerance costs: clearance, and share of its variance between units",
                 found.tolerances,
-                "tolerance; costs = clearance_cost {.3g}; alone = first {%}; with others = all {%}",
-                first=lambda row: _share(row, "first_order"),
-                all=lambda row: _share(row, "total"),
+                "tolerance; costs = clearance_cost {.3g}; alone = first_order {%}; "
+                "with others = total {%}",
             ),
             *Grid.of(
                 "units from the best to the worst: probability of any impact in "
@@ -150,11 +149,6 @@ def production_section(found: Production | None) -> Section:
         ],
         notes=[*map(sentence, risk_in_words(found)), f"Method of the production: {found.method}."],
     )
-
-
-def _share(row: Row, name: str) -> Estimate:
-    """A share of a variance."""
-    return Estimate(value=row[name], standard_error=row[f"{name}_error"])
 
 
 def production_told(found: Production) -> Told:

@@ -29,11 +29,12 @@ from stochvi.results.base import (
     DataFrame,
     Result,
     Stated,
+    estimate_of,
     quantities_of,
     rows_of,
     unit_of_column,
 )
-from stochvi.results.estimates import NO_VALUE, Estimate, capital, count_of, plus_minus
+from stochvi.results.estimates import ERROR, NO_VALUE, Estimate, capital, count_of, plus_minus
 from stochvi.views.files import time_for_pictures
 from stochvi.views.tables import chance_in_words, four_digits, way_in_words
 
@@ -87,10 +88,11 @@ class Grid:
         """A table whose columns are described with semicolons between them, "heading = name {form}"
         each; none where there are no rows. Columns in which nothing is known are left out.
 
-        The name is that of a column of a table, or of a field of a part of an answer; without
-        a heading its words stand there, with the unit that is shown. Rows of several parts are
-        tuples of these. A form is the SI unit, a format, or one of `FORMS`. Cells of `own` names
-        are made by a function of the row. Without `columns` there are all of them.
+        The name is that of a column of a table, with the error that stands in a column beside it,
+        or of a field of a part of an answer; without a heading its words stand there, with the unit
+        that is shown. Rows of several parts are tuples of these. A form is the SI unit, a format,
+        or one of `FORMS`. Cells of `own` names are made by a function of the row. Without
+        `columns` there are all of them.
 
         >>> from stochvi.results.base import CoordinateResponse
         >>> motion = CoordinateResponse(velocity_std=Estimate(value=2.0, standard_error=0.1))
@@ -198,7 +200,9 @@ def _found(row: tuple[Any, ...], name: str) -> Any:
     """What a name stands for in a row: the name of a part, a column, or a field of a part."""
     for part in row:
         if isinstance(part, Mapping) and name in part:
-            return part[name]
+            sampled = f"{name}_error" in part or f"{name}_{ERROR}" in part
+            known = estimate_of(part, name, "_") if sampled else None
+            return part[name] if known is None else known
         if isinstance(part, str) and name == "name":
             return part
         if hasattr(part, name):

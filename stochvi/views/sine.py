@@ -242,7 +242,7 @@ def bifurcation_told(found: Bifurcation) -> Told:
     columns = (
         "sweep", (found.key, "value", "1"), "periods (0: none) = periods",
         ("impacts per period", "impacts per period", "1"), "impact speed = impact_speed_max",
-        "Lyapunov exponent = lyapunov", ("standard error", "lyapunov_error", "1/s"),
+        "Lyapunov exponent = lyapunov",
     )  # fmt: skip
     return told_of(found, Grid.of("motions of a slow sweep", table.iloc[chosen], columns))
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from stochvi.isolators.sizing.answer import two_sided
 from stochvi.mathematics.units import (
@@ -20,7 +20,7 @@ from stochvi.mathematics.units import (
     spoken_mission,
 )
 from stochvi.results.base import DataFrame, Response, is_speed, named_with_units, stacked
-from stochvi.results.estimates import Estimate, count_of, spoken_percent
+from stochvi.results.estimates import count_of, spoken_percent
 from stochvi.results.files import Origin
 from stochvi.views.axes import add_title
 from stochvi.views.files import try_picture, write_table
@@ -258,12 +258,9 @@ def peaks_section(review: Review) -> Section:
         "absolute acceleration with the forces of the stops. Largest: mean over windows "
         f"of {review.peak_window:g} s; probabilities of the largest of the mission stand above",
         zip(names, own.to_dict("records"), strict=True),
-        "stops at = name; clearance {length}; rms = rms {m/s^2}; "
-        "rms over that without stops = rms_amplification {.3f}; "
-        f"{largest} = largest {{m/s^2}}; "
-        "largest over that without stops = peak_amplification {.3g}",
-        rms=lambda _, row: _with_error(row, "acceleration_rms"),
-        largest=lambda _, row: _with_error(row, "largest_acceleration"),
+        "stops at = name; clearance {length}; rms = acceleration_rms; "
+        f"rms over that without stops = rms_amplification; {largest} = largest_acceleration; "
+        "largest over that without stops = peak_amplification",
     )
     missing = int((table["windows"] == 0.0).sum())
     pictures = []
@@ -287,11 +284,6 @@ def peaks_section(review: Review) -> Section:
         if missing
         else [],
     )
-
-
-def _with_error(row: Mapping[str, Any], name: str) -> Estimate:
-    """An acceleration with its standard error."""
-    return Estimate(value=row[name], standard_error=row[f"{name}_error"])
 
 
 # ------------------------------------------------------------------------------
