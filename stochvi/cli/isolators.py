@@ -3,7 +3,6 @@ of a stop from a test; screening, clearance, sizing, perturbations; replay; abso
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,11 +12,8 @@ from stochvi.cli.options import (
     Common,
     Varied,
     band,
-    fail_unless_gaussian,
-    shown,
     tolerances_of,
 )
-from stochvi.cli.program import FAILED, stop
 
 if TYPE_CHECKING:
     from stochvi.isolators import Sizing
@@ -196,10 +192,20 @@ def screen(question: Question) -> None:
     """Find the motion without stops: rms, 3 sigma, Rice."""
 
 
-@command("kept budget, seed, threads, json, out, quiet, verbose")
-def clearance(
-    options: Common, scene: str, gaps: Callable[[float], list[float]], **asked: Any
-) -> None:
+def _too_rare(curve: DataFrame) -> str:
+    """Why a curve of impact rates is not as accurate as asked for; empty where it is."""
+    from stochvi.isolators.screening import unseen_notes
+
+    unseen = len(unseen_notes(curve))
+    return f"upper limits alone are known of {unseen} of the simulated rates" if unseen else ""
+
+
+@declare(
+    "isolators.screening:clearance_curve",
+    "kept budget, seed, threads, json, out, quiet, verbose", progress="clearance",
+    fails=_too_rare,
+)  # fmt: skip
+def clearance(question: Question) -> Show:
     """Find impact rates against clearance.
 
     --gaps LIST (multiples) = 1,1.5,2,2.5,3,3.5,4  Clearances per side, in rms displacements without
@@ -209,55 +215,40 @@ def clearance(
     """
     import numpy as np
 
-    from stochvi.isolators.screening import (
-        clearance_curve,
-        clearance_notes,
-        predicted_curve,
-        unseen_notes,
-    )
+    from stochvi.isolators.screening import clearance_notes, predicted_curve, unseen_notes
     from stochvi.isolators.screening import screen as solve
     from stochvi.model.coverage import unshaken
     from stochvi.results.base import plain
     from stochvi.results.errors import NotApplicable
-    from stochvi.scenes.scene import load_scene
     from stochvi.views.files import write_clearance
-    from stochvi.views.isolator_tables import curve_told, record_told
+    from stochvi.views.isolator_tables import curve_told
 
-    loaded = load_scene(scene)
-    if not loaded.impact_pairs:
+    scene, options = question.scene, question.options
+    if not scene.impact_pairs:
         why = "the scene needs an impact_pair, for its law; screen and size need none"
         raise NotApplicable("clearance", [why])
-    linear = solve(loaded)
-    record = linear.record
+    linear = solve(scene)
     stds = {name: gap.displacement_std for name, gap in linear.impact_pairs.items()}
     if still := unshaken(stds):
         raise NotApplicable("clearance", still)
-    places = np.transpose([gaps(std) for std in stds.values()])
-    places = places.reshape(-1, len(stds))
-    unseen: list[str] = []
-
-    def simulated() -> DataFrame:
-        with options.progress("clearance") as report:
-            return clearance_curve(loaded, places, progress=report, **options.sampling, **asked)
+    gaps = question.asked.pop("gaps")
+    places = np.transpose([gaps(std) for std in stds.values()]).reshape(-1, len(stds))
+    question.asked["clearances"] = places
 
     def show(curve: DataFrame) -> None:
-        unseen.extend(unseen_notes(curve))
-        notes = [*clearance_notes(linear, places), *unseen]
+        notes = [*clearance_notes(linear, places), *unseen_notes(curve)]
         document = {
             "method": "clearance",
             "displacement_std": stds if len(stds) > 1 else next(iter(stds.values())),
             "curve": plain(curve),
             "notes": notes,
-            "record": plain(record),
+            "record": None,
         }
-        options.tell(document, lambda: [record_told(record), curve_told(curve, notes)])
+        options.tell(document, lambda: [curve_told(curve, notes)], linear.record)
         if options.out is not None:
-            write_clearance(curve, predicted_curve(loaded, curve), loaded.title, options.out)
+            write_clearance(curve, predicted_curve(scene, curve), scene.title, options.out)
 
-    shown(simulated, show, asked)
-    fail_unless_gaussian(record)
-    if unseen:
-        stop(f"upper limits alone are known of {len(unseen)} of the simulated rates", FAILED)
+    return show
 
 
 @declare(
