@@ -11,7 +11,7 @@ import numpy as np
 
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import LENGTH, ShownQuantity
-from stochvi.results.base import DataFrame, named_with_units
+from stochvi.results.base import DataFrame
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.scenes.structures.modes import Span
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody
@@ -202,11 +202,11 @@ def draw_shapes(found: History | ReplayAt, scene: Scene, title: str = "") -> Axe
     return _draw_span(motion, scene, structure, title)
 
 
-def _modal(samples: DataFrame, scene: Scene) -> Matrix:
+def _modal(samples: DataFrame, scene: Scene, quantity: str) -> Matrix:
     """Displacements of the modes at the samples (samples, modes), m."""
-    if "displacement_m" in samples:
-        return np.asarray(samples[["displacement_m"]].to_numpy() / _share_of_gap(scene))
-    names = [f"{name}.displacement_m" for name in scene.expanded.structure.coordinates]
+    if quantity in samples:
+        return np.asarray(samples[[quantity]].to_numpy() / _share_of_gap(scene))
+    names = [f"{name}.{quantity}" for name in scene.expanded.structure.coordinates]
     return np.asarray(samples[names].to_numpy())
 
 
@@ -219,14 +219,15 @@ def _share_of_gap(scene: Scene) -> float:
 
 def _motion_of(found: History | ReplayAt, scene: Scene) -> Motion:
     """The motion of a realisation, or of a replay whose samples were kept."""
-    impacts, replayed = found.impacts, getattr(found, "histories", None)
-    samples = cast("History", found).samples if replayed is None else replayed.to_frame()
-    samples, impacts = named_with_units(samples), named_with_units(impacts)
-    modes = _modal(samples, scene)
-    fastest = impacts.sort_values("speed_m_s", ascending=False)[:MOST_SHAPES]
-    touches = np.minimum(np.searchsorted(samples["time_s"], fastest["time_s"]), len(modes) - 1)
-    moment, speed = (float(fastest[name].iloc[0]) for name in ("time_s", "speed_m_s"))
-    return Motion(modes, touches, moment, speed)
+    quantity, moment, speed = "displacement_m", "time_s", "speed_m_s"
+    if (replayed := getattr(found, "histories", None)) is not None:
+        samples, quantity, moment, speed = replayed.to_frame(), "displacement", "time", "speed"
+    else:
+        samples = cast("History", found).samples
+    modes = _modal(samples, scene, quantity)
+    fastest = found.impacts.sort_values(speed, ascending=False)[:MOST_SHAPES]
+    touches = np.minimum(np.searchsorted(samples[moment], fastest[moment]), len(modes) - 1)
+    return Motion(modes, touches, float(fastest[moment].iloc[0]), float(fastest[speed].iloc[0]))
 
 
 def _draw_span(motion: Motion, scene: Scene, span: Span, title: str) -> Axes:
