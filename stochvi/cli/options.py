@@ -385,13 +385,11 @@ def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",")]
 
 
-TIME, SPEED = quantity("time"), quantity("speed")
-CHANCE, RATE = Words("chance", _chance), Words("rate", _rate)
-
+QUANTITIES = ("time", "speed", "frequency", "force", "length", "acceleration")
 KINDS = {
-    "int": int, "float": float, "time": TIME, "speed": SPEED, "probability": CHANCE, "rate": RATE,
-    "frequency": quantity("frequency"), "force": quantity("force"), "length": quantity("length"),
-    "acceleration": quantity("acceleration"), "lengths": Words("lengths", _lengths),
+    "int": int, "float": float, "probability": Words("chance", _chance),
+    "rate": Words("rate", _rate), "lengths": Words("lengths", _lengths),
+    **{each: quantity(each) for each in QUANTITIES},
     "multiples": Words("multiples", _multiples), "barriers": Words("barriers", _barriers),
     "names": Words("names", _names), "list": listed(),
     **{f"list of {unit}": listed(unit) for unit in ("s", "m/s", "m/s^2", "dB")},
