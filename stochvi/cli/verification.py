@@ -48,17 +48,16 @@ def check(
         raise ValueError(f"check needs each scene once, got {twice[0]} twice; leave one out")
     loaded = {name: load_scene(name) for name in scenes} | (shipped() if zoo else {})
     seconds = BUDGET * len(loaded) if budget is None else budget
-    asked = options.sampling | {"budget": options.until(seconds).rest}
+    several = len(loaded) > 1
+    error = (MANY_SCENES if several else ONE_SCENE) if rel_error is None else rel_error
+    asked = options.sampling | {"budget": options.until(seconds).rest, "rel_error": error}
     failed: list[str] = []
 
     def judged() -> Check | Checks:
         with options.progress("checking") as report:
-            if len(loaded) == 1:
-                (only,) = loaded.values()
-                error = ONE_SCENE if rel_error is None else rel_error
-                return compare(only, rel_error=error, progress=report, **asked)
-            error = MANY_SCENES if rel_error is None else rel_error
-            return check_many(loaded, rel_error=error, progress=report, **asked)
+            if several:
+                return check_many(loaded, progress=report, **asked)
+            return compare(next(iter(loaded.values())), progress=report, **asked)
 
     def show(verdict: Check | Checks) -> None:
         options.show(verdict)
