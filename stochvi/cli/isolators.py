@@ -220,7 +220,7 @@ def clearance(question: Question) -> Show:
     from stochvi.model.coverage import unshaken
     from stochvi.results.base import plain
     from stochvi.results.errors import NotApplicable
-    from stochvi.views.files import write_clearance
+    from stochvi.views.files import write_table
     from stochvi.views.isolator_tables import curve_told
 
     scene, options = question.scene, question.options
@@ -246,7 +246,11 @@ def clearance(question: Question) -> Show:
         }
         options.tell(document, lambda: [curve_told(curve, notes)], linear.record)
         if options.out is not None:
-            write_clearance(curve, predicted_curve(scene, curve), scene.title, options.out)
+            from stochvi.views.sizing import draw_clearance
+
+            predicted = predicted_curve(scene, curve)
+            write_table(curve, options.out / "clearance.csv")
+            options.draw("clearance", lambda: draw_clearance(curve, predicted, scene.title))
 
     return show
 

@@ -69,7 +69,7 @@ def _columns() -> int | None:
 
 
 @contextlib.contextmanager
-def progress_bar(quiet: bool, title: str, console: Console | None = None) -> Iterator[Progress]:
+def progress_bar(quiet: bool, title: str) -> Iterator[Progress]:
     """A bar on a terminal, elsewhere a line every few seconds."""
     from rich import progress
     from rich.markup import escape
@@ -80,8 +80,7 @@ def progress_bar(quiet: bool, title: str, console: Console | None = None) -> Ite
     if not sys.stderr.isatty():
         yield _progress_in_lines(title)
         return
-    terminal = console if console and console.is_terminal else new_console(sys.stderr)
-    with progress.Progress(console=terminal, transient=True) as bar:
+    with progress.Progress(console=new_console(sys.stderr), transient=True) as bar:
         task = bar.add_task(title, total=1.0)
         yield lambda done, text: bar.update(
             task, completed=done, description=escape(visible(f"{title}: {text}"))

@@ -458,17 +458,6 @@ def try_picture(draw: Callable[[], Axes], path: Path) -> None:
             plt.close(number)
 
 
-def write_clearance(curve: DataFrame, predicted: DataFrame, title: str, folder: Path) -> None:
-    """Write the impact rate against clearance as `clearance.csv` and `clearance.png`.
-
-    `curve` comes from `clearance_curve`, `predicted` from `predicted_curve`.
-    """
-    from stochvi.views.sizing import draw_clearance
-
-    write_table(curve, folder / "clearance.csv")
-    try_picture(lambda: draw_clearance(curve, predicted, title), folder / "clearance.png")
-
-
 # ------------------------------------------------------------------------------
 # The console of the command line, which prints names from the user's files without markup.
 # ------------------------------------------------------------------------------
