@@ -66,8 +66,8 @@ OF_ANSWERS = {
     "acceleration_max": Stated("peak acceleration", "m/s^2"), "hits": Stated("impacts", ""),
     "impact_speed_max": Stated("largest impact speed", "m/s"),
 }  # fmt: skip
-"""Quantities of sizings, reliabilities and replays, which are no fields of a response, in the order
-in which a terminal and a contact sheet show them."""
+"""Quantities of sizings, reliabilities and replays, in the order in which a terminal and a contact
+sheet show them."""
 
 GOVERNED = (
     "displacement_std", "acceleration_std", "collision_rate", "impact_speed_mean", "peak_force",

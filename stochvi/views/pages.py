@@ -88,11 +88,11 @@ class Grid:
         """A table whose columns are described with semicolons between them, "heading = name {form}"
         each; none where there are no rows. Columns in which nothing is known are left out.
 
-        The name is that of a column of a table, with the error that stands in a column beside it,
-        or of a field of a part of an answer; without a heading its words stand there, with the unit
-        that is shown. Rows of several parts are tuples of these. A form is the SI unit, a format,
-        or one of `FORMS`. Cells of `own` names are made by a function of the row. Without
-        `columns` there are all of them.
+        The name is that of a field of a part of an answer, or of a column of a table: its number
+        has the error that stands in a column beside it. Without a heading the words of the name
+        stand there, with the unit that is shown. Rows of several parts are tuples of these. A form
+        is the SI unit, a format, or one of `FORMS`. Cells of `own` names are made by a function of
+        the row. Without `columns` there are all of them.
 
         >>> from stochvi.results.base import CoordinateResponse
         >>> motion = CoordinateResponse(velocity_std=Estimate(value=2.0, standard_error=0.1))
