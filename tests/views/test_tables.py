@@ -223,6 +223,14 @@ def test_columns_are_described_by_heading_name_and_form() -> None:
         Grid.of("places", rows, "speed")
 
 
+def test_a_number_of_a_table_has_the_error_that_stands_beside_it() -> None:
+    rows = [{"ratio": 0.5, "ratio_error": 0.01}, {"ratio": -math.inf, "ratio_error": 0.0}]
+    (found,) = Grid.of("of", rows, "ratio")
+    assert found.rows == [["0.500 ± 0.020"], ["-inf"]]
+    (alone,) = Grid.of("of", [{"ratio": 0.5, "other_error": 0.01}], "ratio")
+    assert alone.rows == [["0.5"]]
+
+
 def test_a_view_of_nothing_is_noticed() -> None:
     with pytest.raises(KeyError):
         function_of("pictures", "nothing_told")
