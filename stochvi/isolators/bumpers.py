@@ -642,8 +642,8 @@ def _map(
     overlap = np.array([[each.overlap for each in row] for row in rows])
     meeting = np.stack([energy[..., 0] * overlap, hourly[..., 0] * overlap])
     return [
-        _values(*each)
-        for each in (
+        SpectrumValues.of(value, error, np.abs(bias))
+        for value, error, bias in (
             peak, force, rattle, speed, [energy[..., 0], energy[..., 1], meeting[0]],
             [hourly[..., 0], hourly[..., 1], meeting[1]],
         )
@@ -679,10 +679,6 @@ def _levels(
             + [trials.level(*each) for each in zip(largest, 3 * [wanted], curves, strict=True)]
         )
     return found
-
-
-def _values(value: Vector, error: Vector, bias: Vector) -> SpectrumValues:
-    return SpectrumValues(value=value, standard_error=error, bias=np.abs(bias))
 
 
 def _median_error(trials: Sequence[Trials], wanted: float) -> float:

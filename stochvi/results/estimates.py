@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from numbers import Real
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
 from scipy.special import betaincinv, gammaincinv, ndtri, stdtr, stdtrit
@@ -632,6 +632,55 @@ class Estimate(WithValue):
         if self.bias_error == 0.0:
             del document["bias_error"]
         return document
+
+
+Known = TypeVar("Known", bound=Any)
+"""What has a value, a standard error and a bias: of a number, or of an array."""
+
+
+def combined(value: Any, slopes: Any, parts: Sequence[Known], **more: Any) -> Known:
+    """A value that changes by `slopes` with independent parts, of numbers or of arrays.
+
+    Their standard errors add in squares. The sizes of their biases add, as their signs are not
+    known; one that is not known leaves that of the value unknown.
+
+    Examples
+    --------
+    >>> parts = [Estimate(value=2.0, standard_error=0.3, bias=0.1), Estimate(value=1.0, bias=0.2)]
+    >>> combined(4.0, [1.0, 2.0], parts)
+    4.00(30), bias up to 0.5 []
+    """
+    slopes, biases = np.asarray(slopes), [each.bias for each in parts]
+    error = np.linalg.norm(slopes * np.array([each.standard_error for each in parts]), axis=0)
+    known = all(bias is not None for bias in biases)
+    bias = np.sum(slopes * np.abs(np.array(biases)), axis=0) if known else None
+    if np.ndim(value) == 0:
+        value, error, bias = float(value), float(error), None if bias is None else float(bias)
+    found: Known = type(parts[0])(value=value, standard_error=error, bias=bias, **more)
+    return found
+
+
+def total(parts: Sequence[Estimate], shares: Any = 1.0, how: str = "") -> Estimate:
+    """The sum of independent numbers or rates of events, each times its share.
+
+    What was not seen in a part is at most its limit: a bias beside events of other parts. Where
+    none has any, the limits add in squares.
+
+    Examples
+    --------
+    >>> unseen = Estimate(value=0.0, bias=None, upper_95=0.3)
+    >>> total([Estimate(value=2.0, standard_error=0.3, bias=0.1), unseen])
+    2.00(30), bias up to 0.4 []
+    >>> round(total([unseen, unseen]).upper_95, 3)
+    0.424
+    """
+    factors = np.broadcast_to(shares, len(parts))
+    value = float(factors @ [each.value for each in parts])
+    limits = factors * [each.upper_95 or 0.0 for each in parts]
+    if value > 0.0 or not limits.any():
+        seen = [e if e.upper_95 is None else replace(e, bias=e.upper_95) for e in parts]
+        return combined(value, factors, seen, how=how)
+    return Estimate(value=0.0, bias=None, how=how, upper_95=math.hypot(*limits))
 
 
 TOO_FEW = "in too few independent samples for an interval"

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol, TypeVar, Unpack
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -324,28 +324,11 @@ def _columns(levels: Vector, like: Vector) -> Vector:
     return levels if like.ndim == 1 else levels[:, None]
 
 
-Ages_co = TypeVar("Ages_co", bound=CrossingAges, covariant=True)
-
-
-class Source(Protocol[Ages_co]):
-    """Records with crossings put into them, a block of paths at a time."""
-
-    @property
-    def together(self) -> int:
-        """Number of paths that are made together."""
-
-    def ages(self, first_path: int) -> NDArray[np.float32]:
-        """Ages (strides, sides, levels, paths, records) of the crossings in one block of paths."""
-
-    def found(self, ages: NDArray[np.float32]) -> Ages_co:
-        """The answer from the ages of all crossings so far."""
-
-
 @dataclass(frozen=True, eq=False)
 class CrossingSampler(TrialSampler):
     """Ages of crossings in blocks of paths, which are numbered from `first` on."""
 
-    records: Source[CrossingAges]
+    records: GapRecords
     first: int
 
     @property
@@ -358,10 +341,12 @@ class CrossingSampler(TrialSampler):
         return self.records.ages(self.first + first_path)
 
 
-def until_accurate(run: Run, records: Source[Ages_co], mission: float, rel_error: float) -> Ages_co:
+def until_accurate(
+    run: Run, records: GapRecords, mission: float, rel_error: float
+) -> FirstCrossings:
     """As many paths as a pilot finds necessary for `rel_error`, see `first_crossings`."""
 
-    def found(sample: list[NDArray[np.float32]]) -> Ages_co:
+    def found(sample: list[NDArray[np.float32]]) -> FirstCrossings:
         return records.found(np.concatenate(sample, axis=3))
 
     def error(sample: list[NDArray[np.float32]]) -> float:

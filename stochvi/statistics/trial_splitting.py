@@ -38,6 +38,7 @@ from stochvi.sampling.calculations import GivenUp, TrialSampler
 from stochvi.sampling.run import Run
 from stochvi.statistics.clusters import UNFINISHED
 from stochvi.statistics.crossings import PairMotion, memory_of, pressed_pairs
+from stochvi.statistics.mission_parts import Hazard
 
 # ------------------------------------------------------------------------------
 # Splitting: the probability that the score of a stretch of random motion exceeds a limit, however
@@ -809,7 +810,7 @@ class HazardCurve:
     def _curve(self) -> scipy.interpolate.PchipInterpolator:
         return scipy.interpolate.PchipInterpolator(self.places, self.logs)
 
-    def hazard(self, place: float) -> tuple[float, float]:
+    def hazard(self, place: float) -> Hazard:
         """-ln(1 - P) at a place, and half its 95 % interval. Beyond the places that are known its
         logarithm goes on as a straight line, and the interval reaches to the nearest known one."""
         inside = min(max(place, self.places[0]), self.places[-1])
@@ -817,7 +818,7 @@ class HazardCurve:
         nearest = math.exp(log)
         value = nearest * math.exp(slope * (place - inside))
         known = nearest * float(np.interp(inside, self.places, self.halves))
-        return value, abs(value - nearest) + known * max(1.0, value / nearest)
+        return Hazard.within(value, abs(value - nearest) + known * max(1.0, value / nearest))
 
 
 @dataclass(frozen=True, eq=False)

@@ -504,7 +504,7 @@ class ClearanceAnswer(Result):
     @property
     def doubtful(self) -> Mapping[str, RecordVerdict] | RecordVerdict | None:
         """The verdicts on records that do not agree with the Gaussian noise of the sizing."""
-        return None
+        return None if self.record is None or self.record.agrees else self.record
 
     @property
     def record(self) -> RecordVerdict | None:
@@ -908,11 +908,6 @@ class Sizing(ClearanceAnswer):
         return seed if isinstance(seed, int) else 0
 
     @property
-    def doubtful(self) -> RecordVerdict | None:
-        """The verdict on the record, if it does not agree with the Gaussian noise of the sizing."""
-        return None if self.record is None or self.record.agrees else self.record
-
-    @property
     def rounded(self) -> Mapping[str, RoundedClearance]:
         """The clearance of each sized pair: the calculated one or, where tolerances were asked for,
         the largest within them, rounded up; for a production the one that its mean risk needs.
@@ -1155,11 +1150,6 @@ class DamageSizing(ClearanceAnswer):
     tried: DataFrame
     damage: Damage
     record: RecordVerdict | None = None
-
-    @property
-    def doubtful(self) -> RecordVerdict | None:
-        """The verdict on the record, if it does not agree with the Gaussian noise of the sizing."""
-        return None if self.record is None or self.record.agrees else self.record
 
     def to_frame(self) -> DataFrame:
         """The clearances that were tried."""

@@ -36,13 +36,15 @@ from stochvi.isolators.sizing.risk_curve import (
     check_laws,
     clearances_of_curve,
     limit_of_pairs,
+    place_of,
+    slope_of,
     widening,
 )
 from stochvi.isolators.sizing.search import (
     SEARCH,
+    Family,
     Reached,
     SizingJob,
-    SizingMethod,
     more_telling,
     rate_of,
     within,
@@ -140,8 +142,8 @@ def curve_of_gap(
     return RiskCurve.of_gap(together, number, stops, mission, run)
 
 
-class OneCurve(SizingMethod):
-    """The method of one pair, or of one mass that has none yet: its place is the clearance, and its
+class OneCurve(Family):
+    """The family of one pair, or of one mass that has none yet: its place is the clearance, and its
     curve of risk says all of the probability of any impact."""
 
     def __init__(self, job: SizingJob) -> None:
@@ -366,7 +368,7 @@ class OneCurve(SizingMethod):
             self.job.short(f"the probability of an impact on the stops of the scene: {reason}")
             return None
 
-    def required(self) -> list[dict[str, float]]:
+    def required(self) -> Any:
         """A row per accepted probability, with the interval of its clearance."""
         rows = []
         for chance in SEARCH.required:
@@ -382,7 +384,7 @@ class OneCurve(SizingMethod):
             )
         return rows
 
-    def curve_table(self) -> dict[str, Any]:
+    def curve_table(self) -> Any:
         """Probabilities against clearance."""
         return self.curve.columns()
 
@@ -443,8 +445,8 @@ BY_ALL_HITS = (
 )
 
 
-class SharedRisk(SizingMethod):
-    """The method of the gaps of a structure, or of one of them: their place is -ln of the risk
+class SharedRisk(Family):
+    """The family of the gaps of a structure, or of one of them: their place is -ln of the risk
     -ln(1 - p) that each sized pair has alone."""
 
     searched = (0.5, 0.9)
@@ -771,7 +773,7 @@ class SharedRisk(SizingMethod):
         """Probability that each pair that is not sized is hit, alone."""
         return np.array([each.value for each in self.alone_of_fixed])
 
-    def curve_table(self) -> dict[str, Any]:
+    def curve_table(self) -> Any:
         """Probabilities against the risk of each pair."""
         risks, known = self.risks, [Probability.of(chance) for chance in self.chances]
         free = float(np.prod(1.0 - self._alone_of_fixed))
@@ -785,7 +787,7 @@ class SharedRisk(SizingMethod):
             "independent": [1.0 - free * np.prod(1.0 - self._alone(risk)) for risk in risks],
         }
 
-    def required(self) -> list[dict[str, float]]:
+    def required(self) -> Any:
         """A row per accepted probability."""
         rows, total = [], self.total
         for chance in SEARCH.required:
@@ -844,12 +846,8 @@ class TotalRisk:
                 "probability or mission"
             )
         low, high = self.risks[[0, -1]]
-        place = float(
-            scipy.optimize.brentq(lambda x: self._curve(x) - wanted, low, high, xtol=1e-12)
-        )
-        step = 0.01 * (high - low)
-        inside = min(max(place, low + step), high - step)
-        slope = (self._curve(inside + step) - self._curve(inside - step)) / (2.0 * step)
+        place = place_of(self._curve, wanted, low, high)
+        slope = slope_of(self._curve, place, 0.01 * (high - low), low, high)
         half = float(np.interp(place, self.risks, self.halves)) / max(slope, STEEP)
         return math.exp(place), min(half, WIDEST_HALF)
 

@@ -46,6 +46,7 @@ from stochvi.statistics.crossings import (
     largest_error,
     one_gap,
 )
+from stochvi.statistics.mission_parts import Hazard
 from stochvi.statistics.rare_hits import (
     TYPICAL_SPEED,
     WIDEST,
@@ -73,6 +74,25 @@ smaller."""
 SIGMA_STEP, MOST_LEVELS = 0.25, 64
 """Distance from one clearance of a curve to the next, in standard deviations of the noise, and the
 largest number of clearances; the distance grows where sines are much larger than the noise."""
+
+
+def place_of(curve: Callable[[float], float], wanted: float, low: float, high: float) -> float:
+    """The place at which a curve, such as the logarithm of a hazard, takes a value."""
+    size = max(abs(low), abs(high))
+    return float(
+        scipy.optimize.brentq(
+            lambda place: curve(place) - wanted, low, high, xtol=1e-12 * size, rtol=1e-12
+        )
+    )
+
+
+def slope_of(
+    curve: Callable[[float], float], place: float, step: float,
+    low: float = -math.inf, high: float = math.inf,
+) -> float:  # fmt: skip
+    """Its slope there, by a step to either side between the ends of what is known."""
+    inside = min(max(place, low + step), high - step)
+    return (curve(inside + step) - curve(inside - step)) / (2.0 * step)
 
 
 def clearances_of_curve(motion: MovingMean, lowest: float, highest: float) -> Vector:
@@ -169,14 +189,8 @@ class RiskCurve:
                 f"{self.mission:g} s, as at {1e3 * high:.4g} mm, the largest clearance that is "
                 f"tried, got {probability:g}; ask for a larger probability"
             )
-        value = float(
-            scipy.optimize.brentq(
-                lambda c: curve(c) - wanted, low, high, xtol=1e-12 * low, rtol=1e-12
-            )
-        )
-        step = 1e-3 * self.sigma
-        inside = min(max(value, low + step), high - step)
-        slope = (curve(inside + step) - curve(inside - step)) / (2.0 * step)
+        value = place_of(curve, wanted, low, high)
+        slope = slope_of(curve, value, 1e-3 * self.sigma, low, high)
         half = float(np.interp(value, self.clearances[usable], errors)) / abs(slope)
         return Clearance(value=value, lower=value - half, upper=value + half)
 
@@ -194,7 +208,7 @@ class RiskCurve:
                 f"first impacts {wanted:.3g} times a second belong to a clearance below "
                 f"{1e3 * low:.4g} mm, the smallest that is tried"
             )
-        return float(scipy.optimize.brentq(lambda c: self.first_rate(c) - wanted, low, high))
+        return place_of(self.first_rate, wanted, low, high)
 
     def probability(self, clearance: float) -> float:
         """Probability of any impact at a clearance; beyond the levels, the ratio to Rice's rate is
@@ -204,7 +218,7 @@ class RiskCurve:
             return 1.0
         return -math.expm1(-math.exp(self._interpolated(usable, logs)(clearance)))
 
-    def hazard(self, clearance: float) -> tuple[float, float]:
+    def hazard(self, clearance: float) -> Hazard:
         """-ln(1 - P) at a clearance, and half its 95 % interval; beyond the levels, the ratio to
         Rice's rate is held constant."""
         usable, logs, errors = self._logarithms()
@@ -212,7 +226,8 @@ class RiskCurve:
         value = math.exp(self._interpolated(usable, logs)(max(clearance, first)))
         if clearance < first:
             value *= self.rice_rate(clearance) / self.rice_rate(first)
-        return value, value * float(np.interp(clearance, self.clearances[usable], errors))
+        share = float(np.interp(clearance, self.clearances[usable], errors))
+        return Hazard.within(value, value * share)
 
     @property
     def reached(self) -> float:

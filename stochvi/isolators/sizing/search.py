@@ -4,15 +4,14 @@ the answer."""
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stochvi.isolators.screening import screened
-from stochvi.isolators.sizing.answer import SIDES, Clearance, Question, Sizing, ThreeSigma
+from stochvi.isolators.sizing.answer import SIDES, Question, Sizing
 from stochvi.isolators.tolerances import Tolerances
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.model.coverage import scene_notes
@@ -25,6 +24,9 @@ from stochvi.scenes.scene import Scene
 from stochvi.statistics.clusters import FAR, ImpactCounts, chance_of, count_impacts, is_far
 from stochvi.statistics.crossings import MISSED, CrossingAges, largest_error
 from stochvi.statistics.rare_hits import rare_hits
+
+if TYPE_CHECKING:
+    from stochvi.isolators.sizing.pairs import OneCurve, SharedRisk
 
 # ------------------------------------------------------------------------------
 # Impacts with the stops at a place: by clusters where first impacts are rare, else by simulating
@@ -286,15 +288,11 @@ class TriedPlaces:
         return unknown if before else above
 
 
-class SizingMethod(ABC):
-    """How the risk of the gaps of one sizing is known, which the model decides: by the curve of one
-    gap (`OneCurve`), or shared between the gaps of a structure (`SharedRisk`)."""
+class Family:
+    """Stops that go farther as one number, the place, rises, and how the risk of their gaps is
+    known: by the curve of one gap (`OneCurve`), or shared between the gaps of a structure
+    (`SharedRisk`). A family answers as these two do; here is what most have in common."""
 
-    paths: int
-    """Number of independent paths of the first crossings."""
-    names: Sequence[str]
-    sigma: Vector
-    """Names of all pairs, and the rms of their gaps without stops, m."""
     three_sigma_place: float | None = None
     """The place of the rule of three sigma, where it is one."""
     late_hits: bool = True
@@ -303,75 +301,6 @@ class SizingMethod(ABC):
     """Fraction done at the beginning of the search, and at its end."""
     outputs: tuple[str, ...] | None = None
     """Names of the outputs whose accelerations are limited; None for all."""
-
-    # Where the stops are at a place ---------------------------------------------------------
-
-    @abstractmethod
-    def scene_at(self, place: float) -> Scene:
-        """The scene with its stops at a place."""
-
-    @abstractmethod
-    def stops(self, place: float) -> Matrix:
-        """(2, pairs): distances of the stops from the mean gaps at a place, m; infinite for
-        none."""
-
-    @abstractmethod
-    def columns(self, place: float) -> Mapping[str, float]:
-        """The clearances at a place (m), by the names that they have in tables of places."""
-
-    @abstractmethod
-    def words(self, place: float) -> str:
-        """Where the stops are at a place, in words."""
-
-    @abstractmethod
-    def clearances(self, found: Reached) -> Mapping[str, Clearance]:
-        """The clearances of the sized pairs, with their intervals."""
-
-    # The risk there -------------------------------------------------------------------------
-
-    @abstractmethod
-    def keeping(self, probability: float) -> Reached:
-        """The place that keeps a probability of any impact."""
-
-    @abstractmethod
-    def first_rate(self, place: float) -> tuple[float, float]:
-        """Limiting rate of first impacts at a place, 1/s, and the time for which a cluster is
-        followed, s."""
-
-    @abstractmethod
-    def rice_rate(self, place: float) -> float:
-        """Rice's rate of crossings of all stops at a place, 1/s."""
-
-    @abstractmethod
-    def alone(self, place: float) -> Vector:
-        """Probability that each pair is hit at a place, if it alone had stops."""
-
-    @abstractmethod
-    def shares(self, place: float) -> Vector:
-        """Share of the first impacts at a place that falls to each pair."""
-
-    @abstractmethod
-    def check_free_motion(self, exceedance: float) -> None:
-        """Raise `NotApplicable` if springs and dampers alone exceed the limit of the target."""
-
-    @abstractmethod
-    def exceedance_rate(self, place: float, run: Run) -> Estimate:
-        """Rate at which the limit of the target is exceeded at a place, 1/s."""
-
-    @abstractmethod
-    def already_kept(self, place: float, rate: Estimate) -> Reached:
-        """The answer where even the nearest place keeps the target."""
-
-    # How places are searched ----------------------------------------------------------------
-
-    @abstractmethod
-    def first_guess(self, wanted: float) -> float:
-        """The first place to try for a rate."""
-
-    @property
-    @abstractmethod
-    def ends(self) -> tuple[float, float]:
-        """The nearest place that is tried, and the farthest."""
 
     def within_ends(self, place: float) -> float:
         """The place itself, or the nearest one whose risk is known."""
@@ -397,37 +326,19 @@ class SizingMethod(ABC):
         """Slope of the coordinate over the place."""
         return 1.0
 
-    # What the answer tells ------------------------------------------------------------------
-
-    @abstractmethod
-    def three_sigma(self) -> ThreeSigma:
-        """Risk and impacts by the rule of three sigma."""
-
-    @abstractmethod
-    def curve_table(self) -> Any:
-        """The table that `Sizing.curve` describes."""
-
-    @abstractmethod
-    def required(self) -> Any:
-        """The table that `Sizing.required` describes."""
-
-    @abstractmethod
-    def own_fields(self, place: float) -> Mapping[str, Any]:
-        """The fields of the answer that the other method has not, and `method`."""
-
 
 @dataclass(kw_only=True)
 class SizingJob:
     """One sizing: its question, and the findings on the way.
 
-    `by` makes the method from the job, whose run and warnings it uses. It is `patient` until it was
+    `by` makes the family from the job, whose run and warnings it uses. It is `patient` until it was
     ended long after its budget.
     """
 
     scene: Scene
     asked: Question
     allowed: Tolerances
-    by: Callable[[SizingJob], SizingMethod]
+    by: Callable[[SizingJob], OneCurve | SharedRisk]
     warnings: list[str] = field(default_factory=list)
     fell_short: list[str] = field(default_factory=list)
     unfinished: dict[float, str] = field(default_factory=dict)

@@ -33,7 +33,7 @@ from stochvi.isolators.sizing.pairs import (
     has_one_gap,
     nominal_sizing,
 )
-from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve, target_of
+from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve, place_of, slope_of, target_of
 from stochvi.isolators.sizing.search import ACCEPTED, SEARCH
 from stochvi.isolators.sizing.sensitivity import LEAST_SECONDS, worst_case
 from stochvi.isolators.tolerances import Tolerances
@@ -47,12 +47,12 @@ from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import provenance, spoken_percent
 from stochvi.sampling.calculations import AccuracyOptions, calculation
 from stochvi.sampling.run import Run, sampled
-from stochvi.scenes.phases import Phase, bias_of_steps, steps_of_bands
+from stochvi.scenes.phases import Phase, steps_of_bands
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.validation import varied
-from stochvi.statistics.clusters import INDEPENDENT, parts_of_mission
 from stochvi.statistics.crossings import FirstCrossings, PairMotion, largest_error, one_gap
 from stochvi.statistics.damage import Damage, damage
+from stochvi.statistics.mission_parts import INDEPENDENT, Hazard, joined, parts_of_mission
 from stochvi.statistics.reliability.missions import (
     FOLLOWED,
     NEGLIGIBLE,
@@ -181,10 +181,10 @@ class GapInPhase:
             found[:, int(side > 0.0)] = clearances - side * self.shift
         return found
 
-    def hazard(self, clearance: float) -> tuple[float, float]:
+    def hazard(self, clearance: float) -> Hazard:
         """-ln(1 - P) at a clearance, and half its 95 % interval."""
         if self.curve is None:
-            return self.expected(clearance), 0.0
+            return Hazard(self.expected(clearance))
         if isinstance(self.curve, HazardCurve):
             return self.curve.hazard(clearance)
         nearest = min(clearance - side * self.shift for side in self.sides)
@@ -193,7 +193,7 @@ class GapInPhase:
             return self.curve.hazard(nearest)
         value, upper = self._of_level(self.curve, nearest, level)
         felt, _ = self._of_level(self.curve, nearest, felt_by(self.model))
-        return value, upper - value + abs(felt - value)
+        return Hazard.within(value, upper - value + abs(felt - value))
 
     def _of_level(
         self, curve: RiskCurve, nearest: float, level: RandomLevel
@@ -201,9 +201,9 @@ class GapInPhase:
         """The hazard at a clearance while the level varies, and the upper end of its interval."""
         places = nearest / level.gains
         motion = self.together.motions[self.number]
-        known = [curve.hazard(c) if motion.rate(c) else (0.0, 0.0) for c in places]
-        values, halves = np.array(known).T / curve.mission
-        return self._varying(values, level), self._varying(values + halves, level)
+        known = [curve.hazard(c) if motion.rate(c) else Hazard(0.0) for c in places]
+        values, upper = np.array([(h.value, h.value + h.half) for h in known]).T / curve.mission
+        return self._varying(values, level), self._varying(upper, level)
 
     @property
     def reached(self) -> float:
@@ -221,11 +221,11 @@ def lag_of_hazard(
     return expected(clearance / (1.0 + lag_of(model, sweep_rate))) / known - 1.0
 
 
-class KnownRisk(Protocol):
-    """What is known of the risk of a phase against a clearance."""
+class HazardOfStops(Protocol):
+    """The hazard of a part of a mission where stops are at a clearance."""
 
-    def hazard(self, clearance: float) -> tuple[float, float]:
-        """-ln(1 - P) at a clearance, and half its 95 % interval."""
+    def hazard(self, clearance: float) -> Hazard:
+        """-ln(1 - P) with its interval."""
 
     def lag(self, clearance: float) -> float:
         """By how much, as a share, the hazard of what moves may be too large."""
@@ -237,26 +237,22 @@ class KnownRisk(Protocol):
 
 @dataclass(frozen=True)
 class Joint:
-    """The risk of several phases together."""
+    """The hazard of several phases together."""
 
-    phases: Mapping[str, KnownRisk]
+    phases: Mapping[str, HazardOfStops]
     steps: Sequence[Sequence[str]] = ()
 
-    def hazard(self, clearance: float) -> tuple[float, float]:
-        """The sum of the hazards, and half its 95 % interval, with the bias of the steps of moving
-        bands."""
-        values, halves = zip(
-            *(each.hazard(clearance) for each in self.phases.values()), strict=True
-        )
+    def hazard(self, clearance: float) -> Hazard:
+        """The sum of the hazards, with the bias of the steps of moving bands."""
+        parts = {name: each.hazard(clearance) for name, each in self.phases.items()}
         lags = {name: each.lag(clearance) for name, each in self.phases.items()}
-        stepped = bias_of_steps(self.steps, dict(zip(self.phases, values, strict=True)), lags)
-        return sum(values), math.hypot(*halves) + stepped
+        return joined(parts, self.steps, lags)
 
     def clearance(self, hazard: float, guess: float) -> Clearance:
         """The clearance at which the hazard is this one."""
 
         def excess(place: float) -> float:
-            return math.log(max(self.hazard(place)[0], LEAST) / hazard)
+            return math.log(max(self.hazard(place).value, LEAST) / hazard)
 
         low, high = guess, guess
         step = 0.1 * guess
@@ -268,22 +264,20 @@ class Joint:
                 )  # fmt: skip
         while excess(high) > 0.0:
             high += step
-        value = float(scipy.optimize.brentq(excess, low, high, xtol=1e-12 * guess, rtol=1e-12))
-        width = 1e-3 * guess
-        slope = (excess(value + width) - excess(value - width)) / (2.0 * width)
-        total, half = self.hazard(value)
-        reach = half / total / abs(slope)
+        value = place_of(excess, 0.0, low, high)
+        there = self.hazard(value)
+        reach = there.half / there.value / abs(slope_of(excess, value, 1e-3 * guess))
         return Clearance(value=value, lower=value - reach, upper=value + reach)
 
     def curve(self, place: float) -> DataFrame:
         """The table of `MissionSizing.curve`."""
         places = place * np.linspace(1.0 - AROUND, 1.0 + AROUND, POINTS)
-        found = np.array([self.hazard(each) for each in places])
-        low, high = found[:, 0] - found[:, 1], found[:, 0] + found[:, 1]
+        found = [self.hazard(each) for each in places]
+        value, half = np.array([(each.value, each.half) for each in found]).T
         return frame_of(
-            {"clearance": places, "probability": -np.expm1(-found[:, 0]),
-             "probability_low": -np.expm1(-np.maximum(low, 0.0)),
-             "probability_high": -np.expm1(-high)}
+            {"clearance": places, "probability": -np.expm1(-value),
+             "probability_low": -np.expm1(-np.maximum(value - half, 0.0)),
+             "probability_high": -np.expm1(-(value + half))}
         )  # fmt: skip
 
     def short(self, accuracy: float) -> list[str]:
@@ -503,25 +497,25 @@ class AnyPair:
         most, least = (float(each) for each in self.shared.hazards[[0, -1]])
         return hazard_curve(kind, most / RANGE, duration, run, most / least)
 
-    def hazard(self, clearance: float) -> tuple[float, float]:
+    def hazard(self, clearance: float) -> Hazard:
         """-ln(1 - P) at a clearance, and half its 95 % interval; beyond those that were looked at,
         the ratio to Rice's number is held constant."""
         if self.curve is not None:
             return self.curve.hazard(clearance)
         if self.total is None:
-            return self.expected(clearance), 0.0
+            return Hazard(self.expected(clearance))
         held = self.shared.held(clearance)
         known = self.total.at(self.shared.hazard(held))
         value, upper = (-math.log1p(-min(each, KNOWN)) for each in (known.value, known.upper))
         ratio = 1.0 if held == clearance else self.expected(clearance) / self.expected(held)
-        return ratio * value, ratio * (upper - value)
+        return Hazard.within(ratio * value, ratio * (upper - value))
 
 
 def any_pair(
     phases: Mapping[str, PhaseOfPairs], busy: Mapping[str, float], shared: EqualRisk, run: Run
-) -> dict[str, KnownRisk]:
+) -> dict[str, HazardOfStops]:
     """The hazard that any pair is hit, of each phase."""
-    found: dict[str, KnownRisk] = {}
+    found: dict[str, HazardOfStops] = {}
     known = {name: AnyPair(phase, shared) for name, phase in phases.items()}
     found.update(known)
     for name, part in parts_of_mission(run, busy):
@@ -649,10 +643,10 @@ def _table(
 ) -> DataFrame:  # fmt: skip
     """The table of `MissionSizing.phases` at a clearance of the widest gap, with the one that a
     phase alone needs where it is known."""
-    total, _ = joint.hazard(place)
+    total = joint.hazard(place).value
     rows = []
     for name, phase in phases.items():
-        own, _ = joint.phases[name].hazard(place)
+        own = joint.phases[name].hazard(place).value
         gap = phase.gaps[widest]
         rows.append(
             {"phase": name, "duration": phase.duration, "displacement_std": gap.sigma,

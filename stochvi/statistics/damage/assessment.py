@@ -74,6 +74,7 @@ from stochvi.statistics.damage.simulated import (
     Records,
     contact_time,
     contacts_above,
+    damage_hits,
     hits_of_clusters,
     joined,
     joined_clusters,
@@ -201,7 +202,7 @@ class Replayed:
             Relative error that the sampling leaves in amplitudes, by frequency.
         """
         found = [self._respond(each) for each in records]
-        times, count = mission / self.duration, len(self.equipment.frequency_hz)
+        times = mission / self.duration
         share = np.array([len(each.acceleration) for each in records], dtype=float)
         share /= share.sum()
         peaks = np.concatenate([each.peaks for each in found])
@@ -212,9 +213,7 @@ class Replayed:
         largest = peaks.max(axis=0)
 
         def known(value: Vector, power: float = 1.0) -> SpectrumValues:
-            return SpectrumValues(
-                value=value, standard_error=np.zeros(count), bias=power * resolved * value
-            )
+            return SpectrumValues.of(value, bias=power * resolved * value)
 
         spectra = EquipmentSpectra(
             response_rms=known(rms), extreme_response=known(largest), extreme_lower=largest,
@@ -265,18 +264,11 @@ class Replayed:
                 if levels and not stop.rigid:
                     above += contacts_above(record.forces[:, number], record.acceleration, levels)
 
-        def hourly(value: float) -> Estimate:
-            return Estimate(value=value * HOUR / self.duration, bias=0.0, how=HOW)
+        def hourly(value: Any, events: bool = True) -> Estimate:
+            return Estimate(value=float(value) * HOUR / self.duration, bias=0.0, how=HOW)
 
-        return DamageHits(
-            shocks=shocks, impacts_per_hour=hourly(float(count)),
-            contacts_above={
-                f"{level:g}": hourly(float(number))
-                for level, number in zip(levels, above, strict=True)
-                if not self.model.rigid
-            },
-            work_per_hour=hourly(work), loss_per_hour=hourly(loss),
-        )  # fmt: skip
+        soft = () if self.model.rigid else levels
+        return damage_hits(hourly, shocks, soft, count, work, loss, above)
 
 
 class _Responses(NamedTuple):
@@ -583,22 +575,16 @@ class _Question:
         windows = self.mission / (sampler.window * sampler.plan.step)
         largest = largest_of_mission(sample.peaks, windows, (tail, 1.0 - tail))
         return EquipmentSpectra(
-            response_rms=SpectrumValues(
-                value=rms, standard_error=square_errors / (2.0 * rms), bias=resolved * rms
-            ),
-            extreme_response=SpectrumValues(
-                value=largest.value, standard_error=largest.standard_error,
-                bias=largest.bias + resolved * largest.value,
+            response_rms=SpectrumValues.of(rms, square_errors / (2.0 * rms), resolved * rms),
+            extreme_response=SpectrumValues.of(
+                largest.value, largest.standard_error, largest.bias + resolved * largest.value
             ),
             extreme_lower=largest.levels[0], extreme_upper=largest.levels[1],
-            fatigue_damage=SpectrumValues(
-                value=wear, standard_error=wear_error,
-                bias=ends + self.equipment.exponent * resolved * wear,
+            fatigue_damage=SpectrumValues.of(
+                wear, wear_error, ends + self.equipment.exponent * resolved * wear
             ),
-            cumulative_rms=SpectrumValues(
-                value=own,
-                standard_error=below_errors / (2.0 * np.maximum(own, np.finfo(float).tiny)),
-                bias=resolved * own,
+            cumulative_rms=SpectrumValues.of(
+                own, below_errors / (2.0 * np.maximum(own, np.finfo(float).tiny)), resolved * own
             ),
         )  # fmt: skip
 
@@ -616,23 +602,16 @@ class _Question:
 
     def by_density(self, gaussian: GaussianEquipment) -> EquipmentSpectra:
         """Spectra of the Gaussian motion without stops."""
-        nothing = np.zeros(len(self.equipment.frequency_hz))
         wear, error = gaussian.damage_rates()
         tail = (1.0 - WHOLE) / 2.0
         largest, bias, levels = gaussian.extremes(self.mission, (tail, 1.0 - tail))
 
-        def exact(value: Vector) -> SpectrumValues:
-            return SpectrumValues(value=value, standard_error=nothing, bias=nothing)
-
         return EquipmentSpectra(
-            response_rms=exact(gaussian.rms),
-            extreme_response=SpectrumValues(value=largest, standard_error=nothing, bias=bias),
+            response_rms=SpectrumValues.of(gaussian.rms),
+            extreme_response=SpectrumValues.of(largest, bias=bias),
             extreme_lower=levels[0], extreme_upper=levels[1],
-            fatigue_damage=SpectrumValues(
-                value=self.mission * wear, standard_error=nothing,
-                bias=self.mission * error,
-            ),
-            cumulative_rms=exact(np.sqrt(gaussian.cumulative_square())),
+            fatigue_damage=SpectrumValues.of(self.mission * wear, bias=self.mission * error),
+            cumulative_rms=SpectrumValues.of(np.sqrt(gaussian.cumulative_square())),
         )  # fmt: skip
 
     def by_clusters(
@@ -706,20 +685,19 @@ class _Question:
         def root(quantity: SpectrumValues, squares: Matrix) -> SpectrumValues:
             more, its_error = found.rates(squares)
             value = np.sqrt(np.maximum(quantity.value**2 + more, 0.0))
-            return SpectrumValues(
-                value=value, standard_error=its_error / (2.0 * value),
-                bias=found.overlap * np.abs(more) / (2.0 * value),
-            )  # fmt: skip
+            return SpectrumValues.of(
+                value, its_error / (2.0 * value), found.overlap * np.abs(more) / (2.0 * value)
+            )
 
         return EquipmentSpectra(
             response_rms=root(without.response_rms, part.squares),
-            extreme_response=SpectrumValues(
-                value=largest, standard_error=largest_error, bias=largest_bias + resolved * largest
+            extreme_response=SpectrumValues.of(
+                largest, largest_error, largest_bias + resolved * largest
             ),
             extreme_lower=levels[0], extreme_upper=levels[1],
-            fatigue_damage=SpectrumValues(
-                value=wear, standard_error=self.mission * error,
-                bias=without.fatigue_damage.bias + self.mission * np.abs(extra) * (
+            fatigue_damage=SpectrumValues.of(
+                wear, self.mission * error,
+                without.fatigue_damage.bias + self.mission * np.abs(extra) * (
                     found.overlap + self.equipment.exponent * resolved
                 ),
             ),

@@ -201,6 +201,12 @@ class SpectrumValues:
     standard_error: Vector
     bias: Vector
 
+    @classmethod
+    def of(cls, value: Vector, error: Any = 0.0, bias: Any = 0.0) -> SpectrumValues:
+        """Values with errors of their own, or of all alike, by default none."""
+        errors = [np.broadcast_to(np.asarray(each, float), value.shape) for each in (error, bias)]
+        return cls(value=value, standard_error=errors[0], bias=errors[1])
+
     def half_width_95(self) -> Vector:
         """Half the width of the 95 % intervals, as that of an `Estimate`; NaN where the value is
         not known."""
@@ -225,7 +231,7 @@ def ratio_of(above: SpectrumValues, below: SpectrumValues) -> SpectrumValues:
     value = above.value / below.value
     errors = np.hypot(above.standard_error / above.value, below.standard_error / below.value)
     biases = above.bias / above.value + below.bias / below.value
-    return SpectrumValues(value=value, standard_error=value * errors, bias=value * biases)
+    return SpectrumValues.of(value, value * errors, value * biases)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import scipy
@@ -14,10 +15,9 @@ from numpy.typing import NDArray
 from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import shown
-from stochvi.results.estimates import Estimate, provenance
+from stochvi.results.estimates import Estimate, combined, total
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.clusters import INDEPENDENT, asked_in_parts, complete
 from stochvi.statistics.damage.equipment import (
     Damage,
     Equipment,
@@ -28,6 +28,7 @@ from stochvi.statistics.damage.equipment import (
     TailoredTest,
     ratio_of,
 )
+from stochvi.statistics.mission_parts import asked_in_parts, complete, said_of_phases
 
 # ------------------------------------------------------------------------------
 # The density of a Gaussian acceleration that does a damage to equipment without stops.
@@ -73,7 +74,7 @@ def equivalent_values(
     share = 2.0 / equipment.exponent
     relative = share * damage.standard_error / damage.value
     bias = share * (damage.bias / damage.value + left + formula)
-    return SpectrumValues(value=density, standard_error=density * relative, bias=density * bias)
+    return SpectrumValues.of(density, density * relative, density * bias)
 
 
 # ------------------------------------------------------------------------------
@@ -123,69 +124,50 @@ def together(scene: Scene, found: Mapping[str, Damage], run: Run) -> Damage:
     """The damage of a mission, from that of its phases."""
     phases = list(found.values())
     first, times = phases[0], np.array([each.mission for each in phases])
+    mission = float(times.sum())
     equipment = Equipment(
         tuple(first.equipment_frequency_hz.tolist()), first.quality, first.exponent
     )
     spectra = joint_spectra([each.with_stops for each in phases], times)
     free = [each.without_stops for each in phases if each.without_stops is not None]
     without = joint_spectra(free, times) if len(free) == len(phases) else None
-    return Damage(
-        equipment_frequency_hz=first.equipment_frequency_hz, quality=first.quality,
-        exponent=first.exponent, mission=float(times.sum()), at=first.at, with_stops=spectra,
-        without_stops=without,
-        damage_ratio=(
-            None if without is None else ratio_of(spectra.fatigue_damage, without.fatigue_damage)
-        ),
-        equivalent_density=equivalent_values(
-            equipment, spectra.fatigue_damage, float(times.sum())
-        ),
+    ways = [", ".join(dict.fromkeys(str(getattr(p, way)) for p in phases)) for way in WAYS]
+    rates: dict[str, Any] = {
+        name: _averaged([getattr(each, name) for each in phases], times) for name in RATES
+    }
+    above = {
+        level: _averaged([each.contacts_above.get(level) for each in phases], times)
+        for level in first.contacts_above
+    }
+    return replace(
+        first, mission=mission, with_stops=spectra, without_stops=without,
+        damage_ratio=None
+        if without is None
+        else ratio_of(spectra.fatigue_damage, without.fatigue_damage),
+        equivalent_density=equivalent_values(equipment, spectra.fatigue_damage, mission),
         shocks=_largest_shocks([each.shocks for each in phases if each.shocks is not None]),
-        impacts_per_hour=_averaged([each.impacts_per_hour for each in phases], times),
-        contacts_above={
-            level: average
-            for level in first.contacts_above
-            if (average := _averaged([each.contacts_above.get(level) for each in phases], times))
-        },
-        impact_work_per_hour=_averaged([each.impact_work_per_hour for each in phases], times),
-        impact_loss_per_hour=_averaged([each.impact_loss_per_hour for each in phases], times),
-        way=", ".join(dict.fromkeys(each.way for each in phases)),
-        way_without=(
-            None if without is None
-            else ", ".join(dict.fromkeys(str(each.way_without) for each in phases))
-        ),
-        scene_without_mass=first.scene_without_mass,
-        assumptions=[
-            INDEPENDENT, *dict.fromkeys(one for each in phases for one in each.assumptions)
-        ],
-        warnings=[
-            f"in phase {name}: {one}" for name, each in found.items() for one in each.warnings
-        ],
-        cost=run.cost(
-            steps=sum(each.cost.steps for each in phases),
-            paths=sum(each.cost.paths for each in phases),
-            impacts=sum(each.cost.impacts for each in phases),
-        ),
-        provenance=provenance(scene.document(), run.seed),
+        contacts_above={level: each for level, each in above.items() if each},
+        way=ways[0], way_without=None if without is None else ways[1], test=None,
+        **rates, **said_of_phases(scene, found, run, "steps", "paths", "impacts"),
     )  # fmt: skip
+
+
+WAYS, RATES = (
+    ("way", "way_without"), ("impacts_per_hour", "impact_work_per_hour", "impact_loss_per_hour"),
+)  # fmt: skip
+"""Fields of the answer of a phase that are told together, and those that are averaged."""
 
 
 def joint_spectra(phases: Sequence[EquipmentSpectra], times: Vector) -> EquipmentSpectra:
     """The spectra of a mission, from those of phases that take so many seconds each."""
-    largest = _largest(phases)
+    largest, lower, upper = _largest(phases)
+    damages = [each.fatigue_damage for each in phases]
     return EquipmentSpectra(
         response_rms=_root_mean_square([each.response_rms for each in phases], times),
-        extreme_response=largest.value, extreme_lower=largest.lower, extreme_upper=largest.upper,
-        fatigue_damage=_sum([each.fatigue_damage for each in phases]),
+        extreme_response=largest, extreme_lower=lower, extreme_upper=upper,
+        fatigue_damage=combined(np.sum([each.value for each in damages], axis=0), 1.0, damages),
         cumulative_rms=_root_mean_square([each.cumulative_rms for each in phases], times),
     )  # fmt: skip
-
-
-def _sum(values: Sequence[SpectrumValues]) -> SpectrumValues:
-    return SpectrumValues(
-        value=np.sum([each.value for each in values], axis=0),
-        standard_error=np.linalg.norm([each.standard_error for each in values], axis=0),
-        bias=np.sum([each.bias for each in values], axis=0),
-    )
 
 
 def _root_mean_square(values: Sequence[SpectrumValues], times: Vector) -> SpectrumValues:
@@ -193,23 +175,11 @@ def _root_mean_square(values: Sequence[SpectrumValues], times: Vector) -> Spectr
     squares = np.array([each.value for each in values]) ** 2
     root = np.sqrt(np.average(squares, axis=0, weights=times))
     share = (times / times.sum())[:, None] * np.sqrt(squares) / np.maximum(root, 1e-300)
-    return SpectrumValues(
-        value=root,
-        standard_error=np.linalg.norm(share * [each.standard_error for each in values], axis=0),
-        bias=np.sum(share * [each.bias for each in values], axis=0),
-    )
+    return combined(root, share, values)
 
 
-class LargestOfPhases(NamedTuple):
-    """Expected largest response, and the ends of its range."""
-
-    value: SpectrumValues
-    lower: Vector
-    upper: Vector
-
-
-def _largest(phases: Sequence[EquipmentSpectra]) -> LargestOfPhases:
-    """The largest response of independent phases, at each frequency."""
+def _largest(phases: Sequence[EquipmentSpectra]) -> tuple[SpectrumValues, Vector, Vector]:
+    """The largest response of independent phases at each frequency, and the ends of its range."""
     means = np.array([each.extreme_response.value for each in phases])
     ends = np.array([(each.extreme_lower, each.extreme_upper) for each in phases])
     low, high = (-math.log(-math.log(end)) for end in ENDS)
@@ -228,17 +198,7 @@ def _largest(phases: Sequence[EquipmentSpectra]) -> LargestOfPhases:
         np.array([np.interp(end, *pair) for pair in zip(below.T, levels.T, strict=True)])
         for end in ENDS
     )
-    errors = np.array([each.extreme_response.standard_error for each in phases])
-    biases = np.array([each.extreme_response.bias for each in phases])
-    return LargestOfPhases(
-        SpectrumValues(
-            value=value,
-            standard_error=np.linalg.norm(weight * errors, axis=0),
-            bias=np.sum(weight * biases, axis=0),
-        ),
-        lower,
-        upper,
-    )
+    return combined(value, weight, [each.extreme_response for each in phases]), lower, upper
 
 
 def _largest_shocks(shocks: Sequence[Shocks]) -> Shocks | None:
@@ -258,23 +218,10 @@ def _averaged(rates: Sequence[Estimate | None], times: Vector) -> Estimate | Non
     known = [each for each in rates if each is not None]
     if len(known) < len(rates):
         return None
-    share = times / times.sum()
-    limits = [0.0 if each.upper_95 is None else each.upper_95 for each in known]
-    value = float(share @ [each.value for each in known])
-    if value == 0.0:
-        return Estimate(
-            value=0.0, bias=None, how="none in any phase", upper_95=float(share @ limits)
-        )
-    # what a phase without an impact may hide
-    biases = np.array([each.bias or 0.0 for each in known]) + limits
-    return Estimate(
-        value=value,
-        standard_error=float(
-            np.linalg.norm(share * [each.standard_error or 0.0 for each in known])
-        ),
-        bias=float(share @ biases),
-        how=", ".join(dict.fromkeys(each.how for each in known if each.value)),
-    )
+    # energy that was not seen in a phase has no limit
+    parts = [each if each.value or each.upper_95 else replace(each, bias=0.0) for each in known]
+    how = ", ".join(dict.fromkeys(each.how for each in known if each.value))
+    return total(parts, times / times.sum(), how or "none in any phase")
 
 
 # ------------------------------------------------------------------------------

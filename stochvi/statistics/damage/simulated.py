@@ -5,7 +5,7 @@ and shocks of impacts."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -506,8 +506,8 @@ class Clusters:
         share = self.first_rate.standard_error / self.first_rate.value
         return rate * whole, rate * np.hypot(error, share * np.abs(whole))
 
-    def rate(self, counts: Vector, factor: float, events: bool = True) -> Estimate:
-        """Events, or energy, per `factor` seconds; no energy has no upper limit."""
+    def per_hour(self, counts: Vector, events: bool = True) -> Estimate:
+        """Events, or energy, per hour; no energy has no upper limit."""
         value, error = self.rates(counts)
         how = f"{len(self.part.path)} clusters; bias: clusters that meet"
         if not value and not events:
@@ -516,12 +516,12 @@ class Clusters:
             most = upper_limit_unseen(1.0) * float(self.part.weight.max() / self.part.weight.sum())
             return Estimate(
                 value=0.0, bias=None, how=f"none of {len(self.part.path)} clusters",
-                upper_95=factor * self.first_rate.value * most,
+                upper_95=HOUR * self.first_rate.value * most,
             )  # fmt: skip
         bias = (self.first_rate.bias or 0.0) / self.first_rate.value + self.overlap
         return Estimate(
-            value=factor * float(value), standard_error=factor * float(error),
-            bias=factor * bias * float(value), how=how,
+            value=HOUR * float(value), standard_error=HOUR * float(error),
+            bias=HOUR * bias * float(value), how=how,
         )  # fmt: skip
 
     def extremes(
@@ -613,22 +613,28 @@ def _all_rigid(model: Model) -> bool:
     return all(stop.rigid for stop in model.stops)
 
 
+def damage_hits(
+    per_hour: Callable[..., Estimate], shocks: Shocks | None, soft: Sequence[float],
+    hits: Any, work: Any, loss: Any, above: Iterable[Any],
+) -> DamageHits:  # fmt: skip
+    """Impacts by the hour, from counts of impacts, of contacts above levels of `soft` stops, and
+    from energies, which are no events."""
+    return DamageHits(
+        shocks=shocks, impacts_per_hour=per_hour(hits),
+        contacts_above={f"{a:g}": per_hour(each) for a, each in zip(soft, above, strict=False)},
+        work_per_hour=per_hour(work, False), loss_per_hour=per_hour(loss, False),
+    )  # fmt: skip
+
+
 def hits_of_clusters(found: Clusters, levels: Sequence[float]) -> DamageHits:
     """Impacts of all clusters."""
-    part, soft = found.part, not _all_rigid(found.sampler.clusters.model)
-    return DamageHits(
-        shocks=Shocks(
-            typical=found.shock(0.5), worst=found.shock(1.0 - RARE), window=found.sampler.seconds,
-            windows=len(part.path),
-        ),
-        impacts_per_hour=found.rate(part.hits, HOUR),
-        contacts_above={
-            f"{a:g}": found.rate(each, HOUR)
-            for a, each in zip(levels, part.above.T, strict=True) if soft
-        },
-        work_per_hour=found.rate(part.work, HOUR, False),
-        loss_per_hour=found.rate(part.loss, HOUR, False),
+    part, rigid = found.part, _all_rigid(found.sampler.clusters.model)
+    shocks = Shocks(
+        typical=found.shock(0.5), worst=found.shock(1.0 - RARE), window=found.sampler.seconds,
+        windows=len(part.path),
     )  # fmt: skip
+    soft = () if rigid else levels
+    return damage_hits(found.per_hour, shocks, soft, part.hits, part.work, part.loss, part.above.T)
 
 
 class Records(NamedTuple):
@@ -669,14 +675,10 @@ class Records(NamedTuple):
 
     def hits(self, levels: Sequence[float]) -> DamageHits:
         """Impacts of all records. Rigid stops have no contacts with an acceleration."""
-        above = {f"{a:g}": each for a, each in zip(levels, self.sample.above.T, strict=True)}
-        soft = not _all_rigid(self.sampler.plan.model)
-        return DamageHits(
-            shocks=self.shocks(),
-            impacts_per_hour=self.per_hour(self.sample.hits),
-            contacts_above={a: self.per_hour(each) for a, each in above.items() if soft},
-            work_per_hour=self.per_hour(self.sample.work, False),
-            loss_per_hour=self.per_hour(self.sample.loss, False),
+        soft = () if _all_rigid(self.sampler.plan.model) else levels
+        sums = self.sample
+        return damage_hits(
+            self.per_hour, self.shocks(), soft, sums.hits, sums.work, sums.loss, sums.above.T
         )
 
     def shocks(self) -> Shocks | None:

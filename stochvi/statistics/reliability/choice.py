@@ -63,6 +63,20 @@ class Hits(NamedTuple):
     steps: int = 0
 
 
+@dataclass
+class Findings:
+    """What was found of the mission of a scene: probabilities by event, expected impacts, why
+    something is missing, what each pair and each output risks; notes and warnings in sentences."""
+
+    chances: dict[str, Chance] = field(default_factory=dict)
+    hits: Hits | None = None
+    missing: dict[str, str] = field(default_factory=dict)
+    pairs: dict[str, PairRisk] = field(default_factory=dict)
+    outputs: dict[str, Estimate] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+
 PILOT_MISSIONS = 4096
 """Largest number of missions in a pilot of crude simulation."""
 
@@ -568,31 +582,16 @@ def harder_hits_of_pairs(
         split = exceedance(scene, limit, mission, jobs)
         only = limit.outputs[0] if len(limit.outputs) == 1 else None
         return split, {} if only is None else {only: split.estimate}
-    lower, upper = logarithmic_interval(
-        estimate.value, estimate.standard_error, found.degrees, jobs.confidence
-    )
-    rule = f"Student's, of the logarithm, from a jackknife over {found.degrees + 1} paths"
-    if estimate.value == 0.0:
-        rule, upper = f"upper limit: {estimate.how}", estimate.upper_95 or 1.0
     why = {
         "bursts": "clusters: records hold a first impact of any pair, a fast one more often; the "
         "motion after it is simulated with all stops",
         "windows": "windows: clusters follow without a pause here; windows of the whole motion are "
         "simulated with all stops",
     }[found.way]
-    chance = Chance(
-        event=limit.event,
-        limit=limit.value,
-        estimate=estimate,
-        lower=lower,
-        upper=min(upper, 1.0),
-        confidence=jobs.confidence,
-        rule=rule,
-        way=found.way,
-        why=why,
-        trials=found.trials,
-        seconds=time.process_time() - started,
-    )
+    chance = _by_jackknife(
+        limit.event, estimate, found.degrees + 1, jobs, started, limit=limit.value, way=found.way,
+        why=why, trials=found.trials,
+    )  # fmt: skip
     return chance, dict(found.by_output)
 
 
@@ -621,64 +620,67 @@ standard deviations away are crossed less often; the probability is then given a
 number as its upper limit."""
 
 
+FIRST_CROSSINGS: Way = "first crossings"
+"""The way of a probability from records that are conditioned on a crossing."""
+
+
 def _from_crossings(
     event: str, estimate: Estimate, paths: int, jobs: Jobs, started: float
 ) -> Chance:
     """The probability of a first impact, which first crossings found since CPU second `started`."""
-    lower, upper = 0.0, SMALLEST
-    if estimate.value > 0.0:
-        lower, upper = logarithmic_interval(
-            estimate.value, estimate.standard_error, paths - 1, jobs.confidence
-        )
-        estimate = of_events(estimate, paths)
-    if estimate.upper_95 is not None:
-        lower, upper = 0.0, estimate.upper_95
-        estimate = replace(estimate, upper_95=min(upper, 1.0))
-    return Chance(
-        event=event,
-        limit=None,
-        estimate=estimate,
-        lower=lower,
-        upper=min(upper, 1.0),
-        confidence=jobs.confidence,
-        rule=f"Student's, of the logarithm, from a jackknife over {paths} paths",
-        way="first crossings",
-        why=(
-            "first crossings: before the first impact the motion is stationary and Gaussian; "
-            "records hold a crossing, however rare, and none is waited for"
-        ),
-        trials=paths,
-        seconds=time.process_time() - started,
+    why = (
+        "first crossings: before the first impact the motion is stationary and Gaussian; records "
+        "hold a crossing, however rare, and none is waited for"
     )
+    estimate = of_events(estimate, paths)
+    found = _by_jackknife(event, estimate, paths, jobs, started, way=FIRST_CROSSINGS, why=why)
+    never = not estimate.value and estimate.upper_95 is None
+    return replace(found, upper=SMALLEST) if never else found
+
+
+def _by_jackknife(
+    event: str, estimate: Estimate, paths: int, jobs: Jobs, started: float, **said: Any
+) -> Chance:
+    """A probability from independent paths since CPU second `started`, with the interval of its
+    logarithm; from 0 where an upper limit alone is known."""
+    error, most = estimate.standard_error, estimate.upper_95
+    rule = f"Student's, of the logarithm, from a jackknife over {paths} paths"
+    lower, upper = logarithmic_interval(estimate.value, error, paths - 1, jobs.confidence)
+    if most is not None:
+        lower, upper, rule = 0.0, most, f"upper limit: {estimate.how}"
+        estimate = replace(estimate, upper_95=min(most, 1.0))
+    return Chance(
+        event=event, estimate=estimate, lower=lower, upper=min(upper, 1.0), rule=rule,
+        confidence=jobs.confidence, seconds=time.process_time() - started,
+        **{"limit": None, "trials": paths} | said,
+    )  # fmt: skip
 
 
 def by_conditioning(
     scene: Scene, ends: Ends, limits: dict[str, float], mission: float, jobs: Jobs
-) -> tuple[dict[str, Chance], Hits | None, dict[str, str]]:
+) -> Findings:
     """Probabilities and expected impacts from a stationary start under noise with a memory of its
-    own, and the reasons why something was not found."""
+    own."""
     chance = first_hit(scene, ends, mission, jobs, surely=True)
     assert chance is not None
-    chances = {chance.event: chance}
+    found = Findings(chances={chance.event: chance})
     if not scene.impact_pairs:
         if limits:
             raise NotApplicable(
                 "reliability", ["impacts need a stop, got a scene without impact_pair"]
             )
-        return chances, None, {}
-    missing: dict[str, str] = {}
-    hits = None
+        return found
     try:
-        hits = _hits(scene, mission, jobs.sharing(len(limits)))
+        found.hits = _hits(scene, mission, jobs.sharing(len(limits)))
     except (NotConverged, Interrupted) as error:
-        missing["expected_hits"] = str(error)
+        found.missing["expected_hits"] = str(error)
     for done, (name, limit) in enumerate(limits.items()):
         some = jobs.sharing(len(limits) - done - 1)
         try:
-            chances[name] = exceedance(scene, Limit(name, limit), mission, some)
+            found.chances[name] = exceedance(scene, Limit(name, limit), mission, some)
         except (NotConverged, Interrupted) as error:
-            missing[name] = str(error)
-    return chances, hits, missing
+            found.missing[name] = str(error)
+    return found
 
 
 def exceedance(scene: Scene, limit: Limit, mission: float, jobs: Jobs) -> Chance:

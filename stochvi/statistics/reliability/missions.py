@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -31,15 +32,24 @@ from stochvi.results.estimates import (
     Estimate,
     capital,
     chance_of,
+    combined,
     count_of,
     over_percent,
-    provenance,
     spoken_percent,
+    total,
 )
 from stochvi.sampling.run import Run
-from stochvi.scenes.phases import Phase, bias_of_steps, steps_of_bands
+from stochvi.scenes.phases import Phase, steps_of_bands
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.clusters import INDEPENDENT, asked_in_parts, complete
+from stochvi.statistics.mission_parts import (
+    CERTAIN,
+    Hazard,
+    asked_in_parts,
+    complete,
+    joined,
+    said_of_parts,
+    said_of_phases,
+)
 
 # ------------------------------------------------------------------------------
 # The answer on a mission: probabilities with their intervals, how they were found, and the CPU
@@ -260,15 +270,9 @@ class Reliability(Result):
 #
 #     P = 1 - (1 - P_1) (1 - P_2) ...
 #
-# The interval is made of the hazards -ln(1 - P_k), whose sum it is: their half widths are added as
-# roots of sums of squares, each side for itself (G. Y. Zou and A. Donner, Construction of
-# confidence limits about effect measures: a general approach, Statistics in Medicine 27, 2008,
-# 1693).
+# The interval is made of the hazards -ln(1 - P_k), whose sum it is (`mission_parts.joined`).
 # ------------------------------------------------------------------------------
 
-
-CERTAIN = 1.0 - 1e-15
-"""A larger probability counts as this one, so that its hazard is finite."""
 
 NEGLIGIBLE = 1e-8
 """Share of the expected crossings of the busiest phase below which a phase is not simulated."""
@@ -438,151 +442,98 @@ def _together(
     scene: Scene, found: Mapping[str, Reliability], missing: dict[str, str],
     idle: Mapping[str, float], run: Run,
 ) -> Reliability:  # fmt: skip
-    phases = list(found.values())
-    busy = [each for name, each in found.items() if name not in idle]
-    events = [event for event in busy[0].chances if all(event in each.chances for each in phases)]
-    hits = [each.hits for each in busy if each.hits is not None]
-    steps = steps_of_bands(scene.phases)
-    total = _sum(hits) if len(hits) == len(busy) else None
+    busy = {name: each for name, each in found.items() if name not in idle}
+    first, steps = next(iter(busy.values())), steps_of_bands(scene.phases)
     scenes = {phase.name: phase.of(scene) for phase in scene.phases}
-    moving = {each.name: each.sweep_rate for each in scene.phases if each.sweep_rate}
-    lags = lags_of_hazards(scenes, {name: moving[name] for name in moving if name not in idle})
-    stepped = bias_of_steps(
-        steps, {name: float(each.hits or 0.0) for name, each in found.items()}, lags
+    lags = lags_of_hazards(
+        scenes, {p.name: p.sweep_rate for p in scene.phases if p.sweep_rate and p.name in busy}
     )
-    # impacts of phases in which none was seen, of which a limit alone is known
-    unseen = {
-        name: each.hits.upper_95
-        for name, each in found.items()
-        if name not in idle and each.hits is not None and each.hits.upper_95 is not None
+    hits, interval, unseen = _hits_together(busy), None, _unseen(busy)
+    if hits is not None and hits.value > 0.0 and sum(unseen.values()) > hits.value:
+        why = "no impact was seen; raise budget"
+        missing |= {f"{name}, expected_hits": why for name in unseen} | missing
+        hits = None
+    if hits is not None:
+        whole = joined({name: _hazard_of_hits(each) for name, each in found.items()}, steps, lags)
+        interval = max(whole.value - whole.below - whole.bias, 0.0), whole.value + whole.half
+        hits = replace(hits, bias=None if hits.bias is None else hits.bias + whole.bias)
+    chances = {
+        event: joint_chance({k: each.chances[event] for k, each in found.items()}, steps, lags)
+        for event in first.chances
+        if all(event in each.chances for each in found.values())
     }
-    if total is not None and total.value > 0.0 and sum(unseen.values()) > total.value:
-        missing |= (
-            dict.fromkeys(
-                (f"{name}, expected_hits" for name in unseen), "no impact was seen; raise budget"
-            )
-            | missing
-        )
-        total = None
-    if total is not None and total.bias is not None:
-        total = replace(total, bias=total.bias + stepped)
-    intervals = [each.hits_interval for each in busy if each.hits_interval is not None]
-    return Reliability(
-        mission=sum(each.mission for each in phases),
-        start=busy[0].start,
-        chances={
-            event: joint_chance(
-                {name: each.chances[event] for name, each in found.items()}, steps, lags
-            )
-            for event in events
-        },
-        hits=total,
-        hits_interval=_ends_of_sum(hits, intervals, stepped) if total is not None else None,
-        confidence=busy[0].confidence,
-        assumptions=[
-            INDEPENDENT,
-            *spoken_lags(scenes, scene.phases),
-            *(
-                f"impacts of phase {name} are not counted: Rice's number of them is at most "
-                f"{most:.1g}"
-                for name, most in idle.items()
-            ),
-            *dict.fromkeys(sentence for each in phases for sentence in each.assumptions),
-        ],
-        warnings=[
-            f"in phase {name}: {warning}"
-            for name, each in found.items()
-            for warning in each.warnings
-        ],
-        missing=missing,
-        phases=found,
-        cost=run.cost(
-            steps=sum(each.cost.steps for each in phases),
-            paths=sum(each.cost.paths for each in phases),
-        ),
-        provenance=provenance(scene.document(), run.seed),
+    bounds = (
+        f"impacts of phase {name} are not counted: Rice's number of them is at most {most:.1g}"
+        for name, most in idle.items()
     )
+    more = [*spoken_lags(scenes, scene.phases), *bounds]
+    return replace(
+        first, mission=sum(each.mission for each in found.values()), chances=chances, hits=hits,
+        hits_interval=interval, missing=missing, pairs={}, outputs={}, phases=found,
+        **said_of_phases(scene, found, run, "steps", "paths", more=more),
+    )  # fmt: skip
+
+
+TOGETHER = "of independent phases"
+"""How a number of all phases was found."""
+
+
+def _hits_together(phases: Mapping[str, Reliability]) -> Estimate | None:
+    """Expected impacts of all phases; None where one does not know them."""
+    known = [each.hits for each in phases.values() if each.hits is not None]
+    return total(known, how=TOGETHER) if len(known) == len(phases) else None
+
+
+def _unseen(phases: Mapping[str, Reliability]) -> dict[str, float]:
+    """Limits of the impacts of phases in which none was seen."""
+    return {
+        name: each.hits.upper_95
+        for name, each in phases.items()
+        if each.hits is not None and each.hits.upper_95 is not None
+    }
+
+
+def _hazard_of_hits(phase: Reliability) -> Hazard:
+    """The expected impacts of a phase with their interval; none where they are not counted."""
+    if phase.hits is None or phase.hits_interval is None:
+        return Hazard(0.0)
+    value, (low, high) = phase.hits.value, phase.hits_interval
+    return Hazard(value, value - low, high - value)
 
 
 def joint_chance(
     chances: Mapping[str, Chance], steps: Sequence[Sequence[str]] = (),
     lags: Mapping[str, float] | None = None,
 ) -> Chance:  # fmt: skip
-    """The probability that an event comes in any of several independent phases. Some of them are
-    the `steps` of a moving band, with the `lags` of their hazards."""
+    """The probability that an event comes in any of several independent phases, see `joined`."""
     each = list(chances.values())
-    hazards = _hazards([one.estimate.value for one in each])
-    lower, upper = (_hazards([getattr(one, end) for one in each]) for end in ("lower", "upper"))
-    hazard = float(hazards.sum())
-    bounded = np.array([one.way == BOUND for one in each])
-    low, high = np.linalg.norm(hazards - lower), np.linalg.norm((upper - hazards)[~bounded])
-    high += float(upper[bounded].sum())  # what is not known may be large in all of them together
-    kept = np.exp(hazards - hazard)  # the probability that no other phase brings the event
-    value = -math.expm1(-hazard)
-    above = -math.expm1(-(hazard + float(high)))
-    biases = [one.estimate.bias for one in each]
-    known = [bias for bias in biases if bias is not None]
-    stepped = bias_of_steps(steps, dict(zip(chances, hazards.tolist(), strict=True)), lags)
-    stepped *= math.exp(-hazard)
-    worst, share = max(zip(chances, hazards, strict=True), key=lambda one: one[1])
+    parts = {
+        name: Hazard.of(one.estimate.value, one.lower, one.upper, bounded=one.way == BOUND)
+        for name, one in chances.items()
+    }
+    whole = joined(parts, steps, lags)
+    hazard, above = whole.value, -math.expm1(-(whole.value + whole.above))
+    kept = np.exp([one.value - hazard for one in parts.values()])  # no other phase brings the event
+    estimate = combined(-math.expm1(-hazard), kept, [one.estimate for one in each], how=TOGETHER)
+    if estimate.bias is not None:
+        estimate = replace(estimate, bias=estimate.bias + whole.bias * math.exp(-hazard))
+    worst = max(parts, key=lambda name: parts[name].value)
     return Chance(
-        event=each[0].event,
-        limit=each[0].limit,
-        estimate=Estimate(
-            value=value,
-            standard_error=float(
-                np.linalg.norm(kept * [one.estimate.standard_error or 0.0 for one in each])
-            ),
-            bias=float(kept @ np.abs(known)) + stepped if len(known) == len(biases) else None,
-            upper_95=above if value == 0.0 else None,
-            how="of independent phases",
-        ),
-        lower=-math.expm1(-max(hazard - float(low), 0.0)),
-        upper=above,
-        confidence=each[0].confidence,
+        event=each[0].event, limit=each[0].limit, confidence=each[0].confidence,
+        estimate=replace(estimate, upper_95=None if estimate.value else above),
+        lower=-math.expm1(-max(hazard - whole.below, 0.0)), upper=above, way="phases",
         rule="square roots of sums of squares of the half widths of the hazards of the phases",
-        way="phases",
-        why=f"phase {worst} has {100.0 * share / hazard:.3g} % of the risk"
+        why=f"phase {worst} has {100.0 * parts[worst].value / hazard:.3g} % of the risk"
         if hazard > 0.0
         else "the event was seen in no phase",
-        trials=sum(one.trials for one in each),
-        steps=sum(one.steps for one in each),
-        seconds=sum(one.seconds for one in each),
-    )
+        **_work(each),
+    )  # fmt: skip
 
 
-def _hazards(probabilities: Sequence[float]) -> Vector:
-    return np.asarray(-np.log1p(-np.minimum(probabilities, CERTAIN)))
-
-
-def _sum(estimates: Sequence[Estimate]) -> Estimate:
-    """The sum of independent estimates."""
-    value = sum(each.value for each in estimates)
-    limits = [each.upper_95 for each in estimates if each.upper_95 is not None]
-    # what was not seen is at most its limit
-    bounds = [each.bias if each.upper_95 is None else each.upper_95 for each in estimates]
-    biases = [bias for bias in bounds if bias is not None]
-    return Estimate(
-        value=value,
-        standard_error=math.hypot(*(each.standard_error or 0.0 for each in estimates)),
-        bias=sum(map(abs, biases)) if value > 0.0 and len(biases) == len(estimates) else None,
-        upper_95=math.hypot(*limits) if value == 0.0 and limits else None,
-        how="of independent phases",
-    )
-
-
-def _ends_of_sum(
-    estimates: Sequence[Estimate], intervals: Sequence[tuple[float, float]], bias: float
-) -> tuple[float, float]:
-    """The interval of a sum: half widths added as roots of sums of squares, each side for itself,
-    with a bias of the sum."""
-    values = np.array([each.value for each in estimates])
-    low, high = np.array(intervals).T
-    total = float(values.sum())
-    return (
-        max(total - float(np.linalg.norm(values - low)) - bias, 0.0),
-        total + float(np.linalg.norm(high - values)) + bias,
-    )
+def _work(chances: Sequence[Chance]) -> dict[str, Any]:
+    """The work that probabilities took together."""
+    names = ("trials", "steps", "seconds")
+    return {name: sum(getattr(one, name) for one in chances) for name in names}
 
 
 # ------------------------------------------------------------------------------
@@ -615,47 +566,118 @@ FOLLOWED = (
 
 @dataclass(frozen=True)
 class LevelHazard:
-    """The hazard of an event at any level, between levels at which it is known.
+    """The hazard of an event while the level varies, from its rates at levels that were tried.
 
     Parameters
     ----------
-    level
-        How the level varies.
+    level, felt
+        How the level varies, and the level that the motion feels.
+    mission, duration
+        Seconds that are asked about, and seconds for which each level was tried.
     expected
-        (NODES,): rates of Rice's crossings at its `gains`, 1/s.
+        Rates of Rice's crossings at gains of the noise, 1/s.
     tried
-        Values of its normal process at which the event is known, increasing.
-    logarithms
-        Logarithms of the ratio of the hazard to `expected` there.
+        Values of the normal process of the level at which the event is known, increasing.
     """
 
     level: RandomLevel
+    felt: RandomLevel
+    mission: float
+    duration: float
     expected: Callable[[Vector], Vector]
     tried: Vector
-    logarithms: Vector
 
-    def rates(self, level: RandomLevel) -> Vector:
-        """Rates at the `gains` of a level, 1/s."""
+    @cached_property
+    def _rice(self) -> Vector:
+        """Rates of Rice's crossings at the levels that were tried, 1/s."""
+        return self.expected(self.level.gain(self.tried))
+
+    def rates(self, known: Vector, level: RandomLevel) -> Vector:
+        """Rates at the gains of a level, 1/s, from those at the levels that were tried."""
         normal = np.log(level.gains) / self.level.spread + self.level.spread
         inside = np.clip(normal, self.tried[0], self.tried[-1])
-        ratio = scipy.interpolate.PchipInterpolator(self.tried, self.logarithms)(inside)
+        logarithms = np.log(np.maximum(known, np.finfo(float).tiny) / self._rice)
+        ratio = scipy.interpolate.PchipInterpolator(self.tried, logarithms)(inside)
         return np.asarray(self.expected(level.gains) * np.exp(ratio))
 
-    def probability(self, mission: float, level: RandomLevel | None = None) -> float:
-        """The probability of the event in a mission, at a level that varies otherwise if given."""
-        level = level or self.level
-        return level.probability(self.rates(level), mission)
+    def probability(self, known: Vector, level: RandomLevel) -> float:
+        """The probability of the event in the mission."""
+        return level.probability(self.rates(known, level), self.mission)
 
-    def number(self, mission: float, level: RandomLevel | None = None) -> float:
-        """Expected number of events in a mission."""
-        level = level or self.level
-        return mission * level.mean(self.rates(level))
+    def number(self, known: Vector, level: RandomLevel) -> float:
+        """The expected number of events in the mission."""
+        return self.mission * level.mean(self.rates(known, level))
 
-    def moved(self, place: int, logarithm: float) -> LevelHazard:
-        """The same with another logarithm at one of the levels."""
-        changed = self.logarithms.copy()
-        changed[place] = logarithm
-        return replace(self, logarithms=changed)
+    def changes(self, of: OfRates, known: Vector, others: Vector) -> Vector:
+        """What a number of the mission changes by, with another rate at one of the levels."""
+        rows = np.where(np.eye(len(known), dtype=bool), others, known)
+        return np.array([of(row, self.level) for row in rows]) - of(known, self.level)
+
+    def estimate(
+        self, of: OfRates, known: Vector, errors: Vector, biases: Vector | None, how: str
+    ) -> Estimate:
+        """A number of the mission, with its errors from rates that are off by an error, and by a
+        bias."""
+        value, bias = of(known, self.level), None
+        if biases is not None:
+            at_once = abs(of(known, self.felt) - value)
+            bias = float(np.abs(self.changes(of, known, biases)).sum()) + at_once
+        error = float(np.linalg.norm(self.changes(of, known, errors)))
+        return Estimate(value=value, standard_error=error, bias=bias, how=how)
+
+    def chance(self, chances: Sequence[Chance]) -> Chance:
+        """The probability of an event from those at the levels that were tried."""
+
+        def rates(values: Any) -> Vector:
+            return np.asarray(-np.log1p(-np.clip(values, 0.0, CERTAIN)) / self.duration)
+
+        found = [one.estimate for one in chances]
+        known, low, high = map(
+            rates, np.transpose([(one.estimate.value, one.lower, one.upper) for one in chances])
+        )
+        # where hardly a motion survives, its hazard is as uncertain upwards as downwards
+        high = np.minimum(high, known * (known / np.maximum(low, np.finfo(float).tiny)))
+        estimate = self.estimate(
+            self.probability, known,
+            # to the side on which the hazard stays finite
+            rates([one.value - one.standard_error for one in found]),
+            None if any(one.bias is None for one in found)
+            else rates([one.value + (one.bias or 0.0) for one in found]),
+            "from the risks at steady levels",
+        )  # fmt: skip
+        below, above = (
+            float(np.linalg.norm(self.changes(self.probability, known, end))) for end in (low, high)
+        )
+        return replace(
+            chances[0], estimate=estimate, lower=max(estimate.value - below, 0.0),
+            upper=min(estimate.value + above, 1.0), wilson=None,
+            rule="square root of the sum of squares of what the intervals at the levels change",
+            way="levels", why=self._where(known), levels=0, seconds_per_mission=None,
+            **_work(chances),
+        )  # fmt: skip
+
+    def _where(self, known: Vector) -> str:
+        """A sentence on the levels at which the event comes."""
+        level = self.level
+        held = np.minimum(self.rates(known, level), 1.0 / self.duration)
+        shares = np.cumsum(level.weights * held)
+        ends = np.interp([0.25, 0.75], shares / shares[-1], level.normals)
+        low, high = 20.0 * np.log10(level.gain(ends))
+        return f"half of the risk comes at levels from {low:+.1f} to {high:+.1f} dB"
+
+    def hits(self, found: Sequence[Estimate]) -> Estimate:
+        """The expected number of events from those at the levels that were tried."""
+        values, errors = np.array([(one.value, one.standard_error) for one in found]).T
+        biases = [one.bias for one in found]
+        most = None if None in biases else (values + np.array(biases, float)) / self.duration
+        return self.estimate(
+            self.number, values / self.duration, (values + errors) / self.duration, most,
+            "from the expected impacts at steady levels",
+        )  # fmt: skip
+
+
+OfRates = Callable[[Vector, RandomLevel], float]
+"""A number of a mission, from rates at the levels that were tried and how the level varies."""
 
 
 def felt_by(model: Model) -> RandomLevel:
@@ -705,8 +727,7 @@ def of_random_level(
         run, dict.fromkeys(names, duration),
         lambda name, part: ask(scene.at_steady_level(names[name]), duration, part),
     )  # fmt: skip
-    rates = expected(level.gain(tried))
-    asked = _Asked(level, felt, mission, duration, expected, tried, rates)
+    asked = LevelHazard(level, felt, mission, duration, expected, tried)
     answer = _levels_together(scene, asked, found, missing, run)
     return complete(answer, missing, run, of="risk of every level", where="at a level of")
 
@@ -733,136 +754,22 @@ def _levels_to_try(
     return tried, {f"{each:+.1f} dB": float(each) for each in decibels}
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """The question, and the levels at which it was asked."""
-
-    level: RandomLevel
-    felt: RandomLevel
-    mission: float
-    duration: float
-    expected: Callable[[Vector], Vector]
-    tried: Vector
-    rates: Vector
-
-    def hazard(self, rates: Vector) -> LevelHazard:
-        """The hazard with these rates at the levels that were tried."""
-        logarithms = np.log(np.maximum(rates, np.finfo(float).tiny) / self.rates)
-        return LevelHazard(self.level, self.expected, self.tried, logarithms)
-
-    def chance(self, chances: Sequence[Chance]) -> Chance:
-        """The probability of an event from those at the levels that were tried."""
-        ends = {
-            end: -np.log1p(-np.clip(values, 0.0, CERTAIN)) / self.duration
-            for end, values in {
-                "value": [each.estimate.value for each in chances],
-                "lower": [each.lower for each in chances],
-                "upper": [each.upper for each in chances],
-                # to the side on which the hazard stays finite
-                "error": [each.estimate.value - each.estimate.standard_error for each in chances],
-                "bias": [each.estimate.value + (each.estimate.bias or 0.0) for each in chances],
-            }.items()
-        }
-        # where hardly a motion survives, its hazard is as uncertain upwards as downwards
-        downwards = ends["value"] / np.maximum(ends["lower"], np.finfo(float).tiny)
-        ends["upper"] = np.minimum(ends["upper"], ends["value"] * downwards)
-        hazard = self.hazard(ends["value"])
-        value = hazard.probability(self.mission)
-
-        def changes(end: str) -> Vector:
-            logs = self.hazard(ends[end]).logarithms
-            return np.array(
-                [
-                    hazard.moved(place, logs[place]).probability(self.mission) - value
-                    for place in range(len(chances))
-                ]
-            )
-
-        known = all(each.estimate.bias is not None for each in chances)
-        at_once = abs(hazard.probability(self.mission, self.felt) - value)
-        low, high = (float(np.linalg.norm(changes(end))) for end in ("lower", "upper"))
-        return replace(
-            chances[0],
-            estimate=Estimate(
-                value=value,
-                standard_error=float(np.linalg.norm(changes("error"))),
-                bias=float(np.abs(changes("bias")).sum()) + at_once if known else None,
-                how="from the risks at steady levels",
-            ),
-            lower=max(value - low, 0.0), upper=min(value + high, 1.0), wilson=None,
-            rule="square root of the sum of squares of what the intervals at the levels change",
-            way="levels", why=self._where(hazard),
-            trials=sum(each.trials for each in chances), levels=0,
-            steps=sum(each.steps for each in chances),
-            seconds=sum(each.seconds for each in chances), seconds_per_mission=None,
-        )  # fmt: skip
-
-    def _where(self, hazard: LevelHazard) -> str:
-        """A sentence on the levels at which the event comes."""
-        level = self.level
-        held = np.minimum(hazard.rates(level), 1.0 / self.duration)
-        shares = np.cumsum(level.weights * held)
-        ends = np.interp([0.25, 0.75], shares / shares[-1], level.normals)
-        low, high = 20.0 * np.log10(level.gain(ends))
-        return f"half of the risk comes at levels from {low:+.1f} to {high:+.1f} dB"
-
-    def number(self, hits: Sequence[Estimate]) -> Estimate:
-        """The expected number of events from those at the levels that were tried."""
-        values = np.array([each.value for each in hits])
-        hazard = self.hazard(values / self.duration)
-        value = hazard.number(self.mission)
-
-        def changes(errors: Sequence[float]) -> Vector:
-            logs = self.hazard((values + errors) / self.duration).logarithms
-            return np.array(
-                [
-                    hazard.moved(place, logs[place]).number(self.mission) - value
-                    for place in range(len(hits))
-                ]
-            )
-
-        known = all(each.bias is not None for each in hits)
-        at_once = abs(hazard.number(self.mission, self.felt) - value)
-        bias = float(np.abs(changes([each.bias or 0.0 for each in hits])).sum()) + at_once
-        return Estimate(
-            value=value,
-            standard_error=float(np.linalg.norm(changes([each.standard_error for each in hits]))),
-            bias=bias if known else None,
-            how="from the expected impacts at steady levels",
-        )
-
-
 def _levels_together(
-    scene: Scene, asked: _Asked, found: Mapping[str, Reliability], missing: dict[str, str], run: Run
-) -> Reliability:
-    levels = list(found.values())
-    hits = [each.hits for each in levels if each.hits is not None]
-    number = asked.number(hits) if len(hits) == len(levels) else None
+    scene: Scene, asked: LevelHazard, found: Mapping[str, Reliability], missing: dict[str, str],
+    run: Run,
+) -> Reliability:  # fmt: skip
+    levels, own = list(found.values()), scene.assumptions()
+    first, hits = levels[0], [each.hits for each in levels if each.hits is not None]
+    number = asked.hits(hits) if len(hits) == len(levels) else None
     return replace(
-        levels[0],
-        mission=asked.mission,
+        first, mission=asked.mission, missing=missing, pairs={}, hits=number,
+        hits_interval=None if number is None else number.interval(first.confidence),
         chances={
             event: asked.chance([each.chances[event] for each in levels])
-            for event in levels[0].chances
+            for event in first.chances
             if all(event in each.chances for each in levels)
         },
-        hits=number,
-        hits_interval=None if number is None else number.interval(levels[0].confidence),
-        assumptions=[
-            *scene.assumptions(),
-            FOLLOWED,
-            *(each for each in levels[0].assumptions if each not in scene.assumptions()),
-        ],
-        warnings=[
-            warning
-            for warning in levels[0].warnings
-            if all(warning in each.warnings for each in levels)
-        ],
-        missing=missing,
-        pairs={},
-        cost=run.cost(
-            steps=sum(each.cost.steps for each in levels),
-            paths=sum(each.cost.paths for each in levels),
-        ),
-        provenance=provenance(scene.document(), run.seed),
-    )
+        assumptions=[*own, FOLLOWED, *(each for each in first.assumptions if each not in own)],
+        warnings=[one for one in first.warnings if all(one in each.warnings for each in levels)],
+        **said_of_parts(scene, found, run, "steps", "paths"),
+    )  # fmt: skip

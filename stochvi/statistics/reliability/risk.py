@@ -33,17 +33,18 @@ from stochvi.model.coverage import beyond_one_oscillator, free_motion, not_gauss
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import is_speed
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
-from stochvi.results.estimates import TOO_FEW, Estimate, provenance
+from stochvi.results.estimates import TOO_FEW, provenance
 from stochvi.sampling.calculations import AccuracyOptions, calculation
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossings import ShocksMeet, same_gaps
 from stochvi.statistics.rare_hits import Limit, check_forces, outputs_of, without_stops
 from stochvi.statistics.reliability.choice import (
+    FIRST_CROSSINGS,
     MISSED,
     SMALL,
     Ends,
-    Hits,
+    Findings,
     Jobs,
     Way,
     by_conditioning,
@@ -185,16 +186,19 @@ def reliability(
         return _at_varying_level(
             scene, mission, others, pair, run, confidence=confidence, start=start
         )
-    if has_fast_peaks(model):
-        _check_any_impact("noise with fast peaks", scene, others, start)
-        _check_several(model, barrier, start, way)
-        return _under_peaks(scene, pair, mission, jobs)
-    if model.drawn:
-        _check_any_impact("shocks", scene, others, start)
-    if not model.single or model.drawn:
+    peaked = has_fast_peaks(model)
+    if peaked or model.drawn:
+        drive = "noise with fast peaks" if peaked else "shocks"
+        _check_any_impact(drive, scene, others, start)
+    if peaked or model.drawn or not model.single:
         _check_several(model, barrier, start, way)
         hardest = _limits_of_pairs(scene, impact_speed, peak_acceleration, at)
-        return _of_pairs(scene, pair, hardest, mission, jobs)
+        found = (
+            _under_peaks(scene, pair, mission, jobs)
+            if peaked
+            else _of_pairs(scene, pair, hardest, mission, jobs)
+        )
+        return _answered(scene, mission, start, found, jobs)
     if at is not None:
         raise ValueError(f"at is for several coordinates or pairs, got {at!r} for one oscillator")
     ends = _barriers(model, barrier)
@@ -204,39 +208,38 @@ def reliability(
         raise ValueError(
             f"start = 'rest' is out of reach: {outside}; move them, or take start = 'stationary'"
         )
-    limits = {
-        name: limit
-        for name, limit in (
-            ("impact_speed", impact_speed), ("peak_acceleration", peak_acceleration),
-        )
-        if limit is not None
-    }  # fmt: skip
+    given = {"impact_speed": impact_speed, "peak_acceleration": peak_acceleration}
+    limits = {name: limit for name, limit in given.items() if limit is not None}
     if coloured:
-        chances, hits, missing = by_conditioning(scene, ends, limits, mission, jobs)
+        found = by_conditioning(scene, ends, limits, mission, jobs)
     else:
-        chances, hits, missing = _sampled(model, scene, ends, limits, mission, start, way, jobs)
-    missing |= _inaccurate(_estimates(chances, hits), jobs)
+        found = _sampled(model, scene, ends, limits, mission, start, way, jobs)
+    found.warnings += [
+        *([f"{outside}: nearly every mission ends as it starts"] if outside else []),
+        *_beyond_at_the_start(scene, model, ends, start, coloured, found.chances),
+        *_by_the_spring(model, ends, peak_acceleration),
+    ]
+    return _answered(scene, mission, start, found, jobs)
+
+
+def _answered(
+    scene: Scene, mission: float, start: Start, known: Findings, jobs: Jobs
+) -> Reliability:
+    """The answer with what was found; carried by an error where something was not, or not as
+    accurately as asked for."""
+    hits, missing = known.hits, known.missing | _inaccurate(known, jobs)
     found = Reliability(
-        mission=mission,
-        start=start,
-        chances=chances,
+        mission=mission, start=start, chances=known.chances,
         hits=None if hits is None else hits.estimate,
-        hits_interval=None if hits is None else hits.interval,
-        confidence=confidence,
-        assumptions=_assumptions(scene, start),
-        warnings=[
-            *([f"{outside}: nearly every mission ends as it starts"] if outside else []),
-            *_beyond_at_the_start(scene, model, ends, start, coloured, chances),
-            *_by_the_spring(model, ends, peak_acceleration),
-        ],
-        missing=missing,
-        cost=run.cost(
-            steps=sum(chance.steps for chance in chances.values())
-            + (0 if hits is None else hits.steps),
-            paths=sum(chance.trials for chance in chances.values()),
+        hits_interval=None if hits is None else hits.interval, confidence=jobs.confidence,
+        assumptions=[*_assumptions(scene, start), *known.notes], warnings=known.warnings,
+        missing=missing, pairs=known.pairs, outputs=known.outputs,
+        cost=jobs.run.cost(
+            steps=sum(each.steps for each in known.chances.values()) + (hits.steps if hits else 0),
+            paths=sum(each.trials for each in known.chances.values()),
         ),
-        provenance=provenance(scene.document(), run.seed),
-    )
+        provenance=provenance(scene.document(), jobs.run.seed),
+    )  # fmt: skip
     unfound = [name.replace("_", " ") for name in missing]
     if jobs.deadline.interrupted:
         verb = "was" if len(unfound) == 1 else "were"
@@ -319,144 +322,94 @@ def _limits_of_pairs(
     return found
 
 
+def _alone(pair: str | None) -> list[str]:
+    """A sentence on the one pair that was asked after."""
+    return [] if pair is None else [f"every number is that of {pair}, as if it alone had stops"]
+
+
 def _of_pairs(
     scene: Scene, pair: str | None, limits: list[Limit], mission: float, jobs: Jobs
-) -> Reliability:
+) -> Findings:
     """The probability that any pair is hit, or any limit exceeded, expected impacts, and the risk
     of each pair."""
-    some = replace(jobs, deadline=jobs.deadline.sooner(1.0 - FIRST_HITS))
+    model, some = model_of(scene), replace(jobs, deadline=jobs.deadline.sooner(1.0 - FIRST_HITS))
+    found, overlap = Findings(notes=same_gaps(model)), 0.0
     try:
-        chance, risks, overlap = first_hits_of_pairs(scene, pair, mission, some)
+        found.chances["hit"], found.pairs, overlap = first_hits_of_pairs(scene, pair, mission, some)
     except ShocksMeet:
-        model = model_of(scene)
         hit = [pair] if pair else [each.name for each in model.pairs]
-        chance, risks, overlap = counted_hits(scene, model, hit, mission, some), {}, 0.0
+        found.chances["hit"] = counted_hits(scene, model, hit, mission, some)
     except NotApplicable as reason:
         raise NotApplicable("reliability", reason.conditions) from reason
-    chances = {"hit": chance}
-    # first crossings end once the probabilities below SMALL are known
-    missing = _inaccurate({"hit": chance.estimate}, jobs) if chance.estimate.value < SMALL else {}
-    outputs: dict[str, Estimate] = {}
-    unknown: list[str] = []
-    hits = None
     stopped = scene
     if pair is not None:
         kept = tuple(each for each in scene.impact_pairs if each.name == pair)
         stopped = scene.model_copy(update={"impact_pairs": kept})
     try:
-        if model_of(scene).drawn:
+        if model.drawn:
             sentence = (
                 "impacts after the first one are not followed beside shocks; impacts counts all"
             )
             raise NotApplicable("expected impacts", [sentence])
-        if chance.estimate.value > 0.0:
-            hits, risks = hits_of_pairs(stopped, mission, overlap, risks, jobs.sharing(len(limits)))
-            missing |= _inaccurate({"expected_hits": hits.estimate}, jobs)
+        if found.chances["hit"].estimate.value > 0.0:
+            found.hits, found.pairs = hits_of_pairs(
+                stopped, mission, overlap, found.pairs, jobs.sharing(len(limits))
+            )
     except NotApplicable as reason:
-        unknown.append(f"expected impacts are not calculated: {'; '.join(reason.conditions)}")
+        found.notes.append(f"expected impacts are not calculated: {'; '.join(reason.conditions)}")
     except (NotConverged, Interrupted) as error:
-        missing["expected_hits"] = str(error)
+        found.missing["expected_hits"] = str(error)
+    found.notes += _alone(pair)
     for number, limit in enumerate(limits):
         some = jobs.sharing(len(limits) - number - 1)
         try:
             harder, by_output = harder_hits_of_pairs(stopped, limit, mission, overlap, some)
         except (NotConverged, Interrupted) as error:
-            missing[limit.event] = str(error)
+            found.missing[limit.event] = str(error)
             continue
-        chances[limit.event] = harder
-        outputs |= by_output
-        missing |= _inaccurate({limit.event: harder.estimate}, jobs)
-    found = Reliability(
-        mission=mission,
-        start="stationary",
-        chances=chances,
-        hits=None if hits is None else hits.estimate,
-        hits_interval=None if hits is None else hits.interval,
-        confidence=jobs.confidence,
-        assumptions=[
-            *_assumptions(scene, "stationary"),
-            *same_gaps(model_of(scene)),
-            *unknown,
-            *(
-                []
-                if pair is None
-                else [f"every number is that of {pair}, as if it alone had stops"]
-            ),
-        ],
-        warnings=[
-            f"peak_acceleration of {limit.value:.4g} m/s^2 is exceeded without any stop, with a "
-            f"probability of {alone:.3g} at least; only contacts are counted here"
-            for limit in limits
-            if not is_speed(limit.event)
-            and (alone := without_stops(model_of(scene), limit, mission)) >= AS_MUCH
-        ],
-        missing=missing,
-        pairs=risks,
-        outputs=outputs,
-        cost=jobs.run.cost(
-            steps=0 if hits is None else hits.steps,
-            paths=sum(each.trials for each in chances.values()),
-        ),
-        provenance=provenance(scene.document(), jobs.run.seed),
-    )
-    if jobs.deadline.interrupted:
-        raise jobs.deadline.fell_short("before its errors were small enough", "", found)
-    if missing:
-        raise NotConverged("; ".join(f"{name}: {why}" for name, why in missing.items()), found)
+        found.chances[limit.event] = harder
+        found.outputs |= by_output
+    found.warnings += [
+        f"peak_acceleration of {limit.value:.4g} m/s^2 is exceeded without any stop, with a "
+        f"probability of {alone:.3g} at least; only contacts are counted here"
+        for limit in limits
+        if not is_speed(limit.event) and (alone := without_stops(model, limit, mission)) >= AS_MUCH
+    ]
     return found
 
 
-def _under_peaks(scene: Scene, pair: str | None, mission: float, jobs: Jobs) -> Reliability:
+def _under_peaks(scene: Scene, pair: str | None, mission: float, jobs: Jobs) -> Findings:
     """The probability of any impact under noise with fast peaks."""
     try:
         chance = first_hit_under_peaks(scene, pair, mission, jobs)
     except NotApplicable as reason:
         raise NotApplicable("reliability", reason.conditions) from reason
-    missing = _inaccurate({"hit": chance.estimate}, jobs)
-    alone = [] if pair is None else [f"every number is that of {pair}, as if it alone had stops"]
-    found = Reliability(
-        mission=mission, start="stationary", chances={"hit": chance}, hits=None,
-        hits_interval=None, confidence=jobs.confidence,
-        assumptions=[
-            *_assumptions(scene, "stationary"),
-            "impacts after the first one are not followed under noise with fast peaks; impacts "
-            "counts all",
-            *alone,
-        ],
-        missing=missing, cost=jobs.run.cost(paths=chance.trials),
-        provenance=provenance(scene.document(), jobs.run.seed),
-    )  # fmt: skip
-    if jobs.deadline.interrupted:
-        raise jobs.deadline.fell_short("before its error was small enough", "", found)
-    if missing:
-        raise NotConverged("; ".join(f"{name}: {why}" for name, why in missing.items()), found)
-    return found
+    followed = (
+        "impacts after the first one are not followed under noise with fast peaks; impacts counts "
+        "all"
+    )
+    return Findings(chances={"hit": chance}, notes=[followed, *_alone(pair)])
 
 
 def _sampled(
     model: Model, scene: Scene, ends: Ends, limits: dict[str, float], mission: float,
     start: Start, way: Way | None, jobs: Jobs,
-) -> tuple[dict[str, Chance], Hits | None, dict[str, str]]:  # fmt: skip
-    """Answers under white noise, by missions, and by first crossings where the start allows it; and
-    the reasons why something was not found."""
-    name = "hit" if model.stops else "passage"
-    chances: dict[str, Chance] = {}
-    missing: dict[str, str] = {}
-    found = None
+) -> Findings:  # fmt: skip
+    """Answers under white noise, by missions, and by first crossings where the start allows it."""
+    name, found, first = "hit" if model.stops else "passage", Findings(), None
     if way == "first crossings" or (way is None and start == "stationary"):
-        found = first_hit(scene, ends, mission, jobs, surely=way is not None)
+        first = first_hit(scene, ends, mission, jobs, surely=way is not None)
     missions = None if way == "first crossings" else way
-    plans: dict[str, MissionPlan] = (
-        {} if found else {name: passage_plan(model, *ends, mission, start)}
-    )
-    if found is not None:
-        chances[name] = found
+    plans: dict[str, MissionPlan] = {}
+    if first is None:
+        plans[name] = passage_plan(model, *ends, mission, start)
+    else:
+        found.chances[name] = first
     if "impact_speed" in limits:
         plans["impact_speed"] = impact_plan(model, mission, start, limits["impact_speed"])
     if "peak_acceleration" in limits:
         sharpest = limits["peak_acceleration"]
         plans["peak_acceleration"] = acceleration_plan(model, mission, start, sharpest)
-    hits = None
     if model.stops:
         # impacts of a stationary motion are proportional to its duration: a duration in which it
         # forgets its start suffices; it costs less than a long mission and shows more impacts than
@@ -464,22 +417,22 @@ def _sampled(
         part = settling_time(model) if start == "stationary" else mission
         counted = impact_plan(model, part, start)
         try:
-            hits = jobs.sharing(len(plans)).hits(counted, missions, mission / part)
+            found.hits = jobs.sharing(len(plans)).hits(counted, missions, mission / part)
         except (NotConverged, Interrupted) as error:
-            missing["expected_hits"] = str(error)
+            found.missing["expected_hits"] = str(error)
     for done, (event, plan) in enumerate(plans.items()):
         some = jobs.sharing(len(plans) - done - 1)
         try:
-            chances[event] = some.chance(plan, event, limits.get(event), missions)
+            found.chances[event] = some.chance(plan, event, limits.get(event), missions)
         except (NotConverged, Interrupted) as error:
             guided = None
             if event in limits and start == "stationary" and missions is None:
                 guided = _without_energy(scene, event, limits[event], mission, some)
             if guided is None:
-                missing[event] = str(error)
+                found.missing[event] = str(error)
             else:
-                chances[event] = guided
-    return chances, hits, missing
+                found.chances[event] = guided
+    return found
 
 
 def _without_energy(
@@ -657,8 +610,16 @@ def _by_the_spring(model: Model, ends: Ends, limit: float | None) -> list[str]:
     ]
 
 
-def _inaccurate(found: Mapping[str, Estimate], jobs: Jobs) -> dict[str, str]:
+def _inaccurate(known: Findings, jobs: Jobs) -> dict[str, str]:
     """Why what was found is not as accurate as asked for, by name."""
+    # first crossings end once the probabilities below SMALL are known
+    found = {
+        name: each.estimate
+        for name, each in known.chances.items()
+        if each.way != FIRST_CROSSINGS or each.estimate.value < SMALL
+    }
+    if known.hits is not None:
+        found["expected_hits"] = known.hits.estimate
     reasons = {}
     budget = jobs.deadline.budget
     if budget is None:
@@ -684,9 +645,3 @@ def _inaccurate(found: Mapping[str, Estimate], jobs: Jobs) -> dict[str, str]:
                 f"{' or '.join(remedies)}"
             )
     return reasons
-
-
-def _estimates(chances: Mapping[str, Chance], hits: Hits | None) -> dict[str, Estimate]:
-    """Everything that `rel_error` governs, by name."""
-    found = {name: chance.estimate for name, chance in chances.items()}
-    return found if hits is None else found | {"expected_hits": hits.estimate}
