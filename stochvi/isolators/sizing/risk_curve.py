@@ -128,20 +128,6 @@ class RiskCurve:
     first_rates: Sequence[Estimate]
 
     @classmethod
-    def of(
-        cls, crossings: CrossingAges, motion: MovingMean, clearances: Vector, mission: float
-    ) -> RiskCurve:
-        """The curve of a gap from first crossings of its stops at equal, increasing distances."""
-        return cls(
-            crossings=crossings,
-            motion=motion,
-            mission=mission,
-            clearances=clearances,
-            probabilities=_falling(crossings.probability(mission)),
-            first_rates=_falling(crossings.first_rate()),
-        )
-
-    @classmethod
     def of_gap(
         cls, together: PairMotion, number: int, stops: Mapping[float, Vector], mission: float,
         run: Run,
@@ -151,8 +137,12 @@ class RiskCurve:
         for side, distances in stops.items():
             rows[int(side > 0.0), :, number] = distances
         found: FirstCrossings = partial_result(together.crossings, *rows, mission, run)
-        nearest = rows[:, :, number].min(axis=0)
-        return cls.of(found, together.motions[number], nearest, mission)
+        return cls(
+            crossings=found, motion=together.motions[number], mission=mission,
+            clearances=rows[:, :, number].min(axis=0),
+            probabilities=_falling(found.probability(mission)),
+            first_rates=_falling(found.first_rate()),
+        )  # fmt: skip
 
     @property
     def sigma(self) -> float:

@@ -75,7 +75,7 @@ class Hits:
             found = self._trial(place, wanted, counts, first)
             known = self.tried.get(place, found)
             # a finer look that the budget ended may know less than the rough one before it
-            rougher = _relative_error(known.counts.rate) < _relative_error(found.counts.rate)
+            rougher = _relative(known.counts.rate) < _relative(found.counts.rate)
             self.tried[place] = (
                 replace(known, rel_error=wanted, unknown=found.unknown) if rougher else found
             )
@@ -97,11 +97,6 @@ class Hits:
         return PlaceTrial(
             rel_error=rel_error, counts=found, hits_per_burst=per_burst, unknown=unknown
         )
-
-
-def _relative_error(rate: Estimate) -> float:
-    """Standard error of a rate, relative to it; infinite where an upper limit alone is known."""
-    return rate.standard_error / rate.value if rate.value > 0.0 else math.inf
 
 
 # ------------------------------------------------------------------------------
