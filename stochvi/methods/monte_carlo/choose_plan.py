@@ -29,7 +29,6 @@ from stochvi.mathematics.spectra import (
 )
 from stochvi.mathematics.units import density_from_intensity
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE
-from stochvi.methods.monte_carlo.kernels.modes import fill_modal_spectrum
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_tables import (
     _block_length,
@@ -51,7 +50,6 @@ from stochvi.methods.monte_carlo.plan import (
 from stochvi.methods.monte_carlo.synthesis import (
     BLOCK_RELAXATIONS,
     BLOCK_SAMPLES,
-    FOLD_FROM,
     LARGEST_BLOCK,
     LARGEST_LOSS,
     LOWEST_FREQUENCY,
@@ -60,6 +58,8 @@ from stochvi.methods.monte_carlo.synthesis import (
     WHITE_LOSS,
     _even_fast_length,
     _filtered,
+    folded,
+    synthesised,
 )
 from stochvi.methods.monte_carlo.white import plan_white, with_linear_part_at_stops
 from stochvi.model.coverage import (
@@ -819,26 +819,15 @@ class GapResponse:
             for table, force in self.tables
         ]
         waves: Waves = np.einsum("tbm,gm->bgt", np.array(found), self.modes.gaps)
-        omega2 = (2.0 * np.pi / self.block_length * np.arange(1, count)) ** 2
-        velocities = omega2[:, None] * np.sum(np.abs(waves) ** 2, axis=2)
-        missing = self.velocities - velocities.sum(axis=0)
-        last = int(FOLD_FROM * (count - 1))
-        top = velocities[last:].sum(axis=0)
-        grown = np.divide(missing, top, out=np.zeros_like(top), where=(top > 0.0) & (missing > 0.0))
-        waves[last:] *= np.sqrt(1.0 + grown)[:, None]
-        return waves
+        return folded(waves, self.velocities, self.block_length)
 
     def records(
         self, seed: int, first_path: int, paths: int, chosen: NDArray[np.int64]
     ) -> NDArray[np.float64]:
         """(paths, samples, 2 gaps): each of the chosen gaps (m) and its rate (m/s), in turn."""
         waves, scale = self.amplitudes[:, chosen], self.fastest
-        relative = 2.0 * np.pi / self.block_length / scale * np.arange(1, len(waves) + 1)
-        spectrum = np.empty((self.samples, len(chosen), paths), complex)
         streams = _streams(seed, first_path, paths, 0)
-        real, imaginary = np.ascontiguousarray(waves.real), np.ascontiguousarray(waves.imag)
-        fill_modal_spectrum(streams, real, imaginary, relative, spectrum.view(np.float64))
-        free = scipy.fft.ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
+        free = synthesised(waves, streams, self.samples, self.block_length, scale)
         found = np.empty((paths, self.samples, 2 * len(chosen)))
         found[:, :, 0::2] = free.real.transpose(2, 0, 1)
         found[:, :, 1::2] = scale * free.imag.transpose(2, 0, 1)

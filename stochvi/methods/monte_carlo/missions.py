@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.methods.monte_carlo.choose_plan import plan_several
-from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan
-from stochvi.methods.monte_carlo.plan import RELAXATIONS
+from stochvi.methods.monte_carlo.plan import RELAXATIONS, streams_of
 from stochvi.methods.monte_carlo.white import MOST_STEPS
 from stochvi.model.model import LOWER, UPPER, Model, Pair, Stop
 from stochvi.results.deadline import NEVER, Deadline
@@ -181,8 +180,7 @@ class MissionPlan:
 
     def fleet(self, seed: int, first_path: int, paths: int) -> Fleet:
         """Paths at their start, whose streams depend on seed and path number alone."""
-        streams = np.empty((2, paths), np.uint64)
-        seed_streams(np.uint64(seed), first_path, streams)
+        streams = streams_of(seed, first_path, paths)
         left = self.counted + self.before
         if self.start == "rest":
             return Fleet.at(self.plan.after_first_step(streams), streams, left - 1)
@@ -515,8 +513,7 @@ def copies(
     paths, survivors = len(fleet.left), len(reached)
     extra = random.permutation(reached)[: paths % survivors]
     chosen = np.concatenate([np.repeat(reached, paths // survivors), extra])
-    streams = np.empty((2, paths), np.uint64)
-    seed_streams(np.uint64(seed), first_path, streams)
+    streams = streams_of(seed, first_path, paths)
     # a path in which the event happened stops; its steps left are kept to count its impacts
     left = np.where(fleet.happened, -np.abs(fleet.left), fleet.left)
     return fleet._replace(left=left).chosen(chosen)._replace(streams=streams)

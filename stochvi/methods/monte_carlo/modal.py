@@ -39,7 +39,7 @@ from stochvi.methods.monte_carlo.kernels.modes import (
     Until,
     run_modes,
 )
-from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
+from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows
 from stochvi.methods.monte_carlo.plan import (
     RELAXATIONS,
     Histories,
@@ -62,6 +62,7 @@ from stochvi.methods.monte_carlo.plan import (
     normals_of_steps,
     refines_near_stops,
     statistics_of,
+    streams_of,
 )
 from stochvi.methods.monte_carlo.synthesis import MOST_SUB_STEPS
 from stochvi.methods.monte_carlo.white import (
@@ -436,20 +437,6 @@ class ModalPlan(SteppedPlan):
             return bias_of_refined_step(name, difference, lossiest(self.model))
         return bias_of_plain_step(name, difference, lossiest(self.model), not pressed)
 
-    @property
-    def steps(self) -> int:
-        """Counted steps of a path."""
-        return max(2, math.ceil(self.duration / self.step))
-
-    @property
-    def _burn_in_steps(self) -> int:
-        return math.ceil(self.burn_in / self.step)
-
-    @property
-    def steps_per_path(self) -> int:
-        """Number of steps of a path, burn-in included."""
-        return self.steps + self._burn_in_steps
-
     def coarser(self) -> ModalPlan:
         """The same paths at twice the step and with the same noise, to measure what the step leaves
         as bias."""
@@ -484,10 +471,6 @@ class ModalPlan(SteppedPlan):
             raise ValueError(
                 f"step must be at most {longest:.3g} s where there are stops, got {step:g} s"
             )
-
-    def shortest(self, steps: int = 2) -> ModalPlan:
-        """The first steps: two are enough to have the kernels compiled."""
-        return replace(self, burn_in=self.step, duration=steps * self.step)
 
     def averages(
         self, seed: int, first_path: int, paths: int, record: Matrix | None = None,
@@ -728,11 +711,6 @@ class ModalPlan(SteppedPlan):
         alone = {name.partition(" of ")[0]: column for name, column in found.items()}
         return {**alone, "impact_speed": alone.get("impact_speed", np.zeros(len(record)))}
 
-    @property
-    def settling(self) -> int:
-        """Recorded steps that a history leaves out."""
-        return math.ceil(self.burn_in / self.step)
-
     def record_size(self, samples: int) -> int:
         """Numbers that the record of one path takes."""
         return self.record_width * (samples + self.settling)
@@ -759,8 +737,7 @@ class ModalPlan(SteppedPlan):
 
     def drive(self, seed: int, path: int, samples: int, integrals: int) -> Matrix | None:
         """Forces of sines (coordinates, samples), N; those of other noise are not kept."""
-        streams = np.empty((2, 1), np.uint64)
-        seed_streams(np.uint64(seed), path, streams)
+        streams = streams_of(seed, path, 1)
         if self.excitation_known and not integrals:
             kept = slice(self.settling, self.settling + samples)
             return self.model.unit_mass * self.white_noise(seed, path, 1)[kept].T
@@ -1170,8 +1147,7 @@ class ModalUnderway(Underway):
     ) -> None:  # fmt: skip
         burn_in = 0 if record is not None else plan._burn_in_steps
         super().__init__(burn_in + plan.steps, 1, burn_in)
-        streams = np.empty((2, paths), np.uint64)
-        seed_streams(np.uint64(seed), first_path, streams)
+        streams = streams_of(seed, first_path, paths)
         sums = np.zeros((plan._rows_with_controls, paths))
         self.plan, self.paths = plan, plan.paths_of(plan.start(streams), streams, sums)
         self.outputs = Outputs(NO_RECORD if record is None else record, log)

@@ -28,7 +28,6 @@ from stochvi.methods.monte_carlo.kernels.modes import (
     SmoothResponse,
     Steps,
     Table,
-    fill_modal_spectrum,
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import (
@@ -47,7 +46,6 @@ from stochvi.methods.monte_carlo.plan import Key, Underway, gap_of
 from stochvi.methods.monte_carlo.synthesis import (
     BIN_ERROR,
     BLOCK_RELAXATIONS,
-    FOLD_FROM,
     GAP_PER_SAMPLE,
     LARGEST_BLOCK,
     LARGEST_LOSS,
@@ -59,9 +57,11 @@ from stochvi.methods.monte_carlo.synthesis import (
     BlockForce,
     _even_fast_length,
     expected_of_free_motion,
+    folded,
     force_of,
     levels_of_block,
     rate_on_stops,
+    synthesised,
 )
 from stochvi.model.coverage import Settling, slowest_of
 from stochvi.model.modal import UNSTABLE, ModalForm
@@ -202,7 +202,7 @@ class ModalTablesPlan(ModalPlan):
     def _with_samples(self, samples: int) -> Self:
         return replace(self, samples=samples, step=self.block_length / samples)
 
-    def shortest(self, steps: int = 2) -> ModalTablesPlan:
+    def shortest(self, steps: int = 2) -> Self:
         """A few samples: enough to have the kernels compiled."""
         return replace(
             self, samples=32, block_length=32 * self.step, blocks=1,
@@ -479,23 +479,15 @@ class ModalTablesPlan(ModalPlan):
     def amplitudes(self) -> Waves:
         """B of each synthesised bin, (bins, modes, tables), the last quarter scaled up."""
         count = self.samples // 2
-        found, missing = [], np.zeros(self.modes.size)
+        found, velocities = [], np.zeros(self.modes.size)
         if not self.modes.tables:
             return np.zeros((count - 1, self.modes.size, 0), complex)
         for table, force in self.modes.tables:
             matrices = np.diag(self.modes.squares), self.modes.dynamic
             found.append(bin_amplitudes(table, force, *matrices, self.block_length, count)[0])
             whole = covariance([(table, force)], *matrices)
-            missing += np.diag(whole)[self.modes.size : 2 * self.modes.size]
-        waves: Waves = np.stack(found, axis=2)
-        omega2 = (2.0 * np.pi / self.block_length * np.arange(1, count)) ** 2
-        velocities = omega2[:, None] * np.sum(np.abs(waves) ** 2, axis=2)
-        missing -= velocities.sum(axis=0)
-        last = int(FOLD_FROM * (count - 1))
-        top = velocities[last:].sum(axis=0)
-        grown = np.divide(missing, top, out=np.zeros_like(top), where=(top > 0.0) & (missing > 0.0))
-        waves[last:] *= np.sqrt(1.0 + grown)[:, None]
-        return waves
+            velocities += np.diag(whole)[self.modes.size : 2 * self.modes.size]
+        return folded(np.stack(found, axis=2), velocities, self.block_length)
 
     @property
     def _all_amplitudes(self) -> Waves:
@@ -517,12 +509,9 @@ class ModalTablesPlan(ModalPlan):
         `number` of each path, and behind them the modulations that are tabulated noise: (samples,
         modes and modulations, 2 paths)."""
         streams = _streams(seed, first_path, paths, number)
-        waves = self._all_amplitudes
-        relative = 2.0 * np.pi / self.block_length / self.scale * np.arange(1, len(waves) + 1)
-        spectrum = np.empty((self.samples, waves.shape[1], paths), complex)
-        real, imaginary = np.ascontiguousarray(waves.real), np.ascontiguousarray(waves.imag)
-        fill_modal_spectrum(streams, real, imaginary, relative, spectrum.view(np.float64))
-        free = scipy.fft.ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
+        free = synthesised(
+            self._all_amplitudes, streams, self.samples, self.block_length, self.scale
+        )
         moved = free[:, : self.modes.size]
         if self.model.level is not None:
             gains = levels_of_block(

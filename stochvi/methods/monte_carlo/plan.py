@@ -821,6 +821,29 @@ class SteppedPlan:
         """None but that of the step."""
         return 0.0
 
+    @property
+    def steps(self) -> int:
+        """Counted steps of a path."""
+        return max(2, math.ceil(self.duration / self.step))
+
+    @property
+    def _burn_in_steps(self) -> int:
+        return math.ceil(self.burn_in / self.step)
+
+    @property
+    def steps_per_path(self) -> int:
+        """Number of steps of a path, burn-in included."""
+        return self.steps + self._burn_in_steps
+
+    @property
+    def settling(self) -> int:
+        """Recorded steps that a history leaves out."""
+        return self._burn_in_steps
+
+    def shortest(self, steps: int = 2) -> Self:
+        """The first steps: two are enough to have the kernels compiled."""
+        return replace(self, burn_in=self.step, duration=steps * self.step)
+
     def with_step(self, step: float) -> Self:
         """The plan at a chosen step, s."""
         raise NotImplementedError
@@ -845,6 +868,13 @@ class SteppedPlan:
         return replace(self, duration=steps * self.step)
 
 
+def streams_of(seed: int, first_path: int, paths: int) -> NDArray[np.uint64]:
+    """Random streams (2, paths) of the paths first_path, first_path + 1, ..."""
+    streams = np.empty((2, paths), np.uint64)
+    seed_streams(np.uint64(seed), first_path, streams)
+    return streams
+
+
 def normals_of_steps(
     seed: int, first_path: int, paths: int, steps: int, earlier: float | None
 ) -> Records:
@@ -854,8 +884,7 @@ def normals_of_steps(
     The kernels use a pair for two successive steps, and the first pair for the start. A step that
     takes the noise of two weighs the earlier one by `earlier`.
     """
-    streams = np.empty((2, paths), np.uint64)
-    seed_streams(np.uint64(seed), first_path, streams)
+    streams = streams_of(seed, first_path, paths)
     rows = 1 + math.ceil((steps + 1) / (2 if earlier is None else 1))
     even, odd = np.empty((2, rows, paths))
     normal_rows(streams[0], streams[1], even, odd)

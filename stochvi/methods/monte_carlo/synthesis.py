@@ -23,6 +23,7 @@ from stochvi.mathematics.unsteady_noise import (
     RandomLevel,
     UnreachableKurtosis,
 )
+from stochvi.methods.monte_carlo.kernels.modes import fill_modal_spectrum
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.model.model import Signal
 from stochvi.results.errors import NotApplicable
@@ -298,6 +299,30 @@ def expected_of_free_motion(
         for name, moment in zip(("n", "rises", "squares"), moments, strict=True):
             found[f"free {name}_{stop}"] = moment / step
     return found
+
+
+def folded(waves: Waves, velocities: Vector, length: float) -> Waves:
+    """Amplitudes (bins, rows, tables) with the last quarter scaled up, so that the rows have these
+    velocity variances over a block of `length` seconds: what lies beyond the bins is not lost."""
+    omega2 = (2.0 * np.pi / length * np.arange(1, len(waves) + 1)) ** 2
+    known = omega2[:, None] * np.sum(np.abs(waves) ** 2, axis=2)
+    missing, last = velocities - known.sum(axis=0), int(FOLD_FROM * len(waves))
+    top = known[last:].sum(axis=0)
+    grown = np.divide(missing, top, out=np.zeros_like(top), where=(top > 0.0) & (missing > 0.0))
+    waves[last:] *= np.sqrt(1.0 + grown)[:, None]
+    return waves
+
+
+def synthesised(
+    waves: Waves, streams: NDArray[np.uint64], samples: int, length: float, scale: float
+) -> Waves:
+    """Values + i slopes / `scale` (samples, rows, paths) of a block of `length` seconds, from the
+    amplitudes (bins, rows, tables) and the streams (2, paths), which are advanced."""
+    relative = 2.0 * np.pi / length / scale * np.arange(1, len(waves) + 1)
+    spectrum = np.empty((samples, waves.shape[1], streams.shape[1]), complex)
+    real, imaginary = np.ascontiguousarray(waves.real), np.ascontiguousarray(waves.imag)
+    fill_modal_spectrum(streams, real, imaginary, relative, spectrum.view(np.float64))
+    return np.asarray(scipy.fft.ifft(spectrum, axis=0, norm="forward", overwrite_x=True))
 
 
 def _even_fast_length(samples: float) -> int:

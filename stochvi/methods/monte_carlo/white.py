@@ -33,7 +33,6 @@ from stochvi.methods.monte_carlo.kernels.flight import (
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import (
     normal_pairs,
-    seed_streams,
 )
 from stochvi.methods.monte_carlo.plan import (
     RELAXATIONS,
@@ -51,6 +50,7 @@ from stochvi.methods.monte_carlo.plan import (
     losses_of,
     lossiest,
     normals_of_steps,
+    streams_of,
 )
 from stochvi.model.coverage import compliant
 from stochvi.model.modal import LinearLaw
@@ -230,20 +230,6 @@ class WhitePlan(SteppedPlan):
         """Whether the rest position lies beyond a stop, so that the mass is pressed on it."""
         return pressing(self.model) > 0.0
 
-    @property
-    def steps(self) -> int:
-        """Counted steps of a path."""
-        return max(2, math.ceil(self.duration / self.step))
-
-    @property
-    def steps_per_path(self) -> int:
-        """Number of steps of a path, burn-in included."""
-        return self.steps + self._burn_in_steps
-
-    @property
-    def _burn_in_steps(self) -> int:
-        return math.ceil(self.burn_in / self.step)
-
     def coarser(self) -> Self:
         """The same paths at twice the step and with the same noise, to measure what the step leaves
         as bias."""
@@ -272,10 +258,6 @@ class WhitePlan(SteppedPlan):
             )
         return replace(self, step=step)
 
-    def shortest(self, steps: int = 2) -> Self:
-        """The first steps: two are enough to have the kernels compiled."""
-        return replace(self, burn_in=self.step, duration=steps * self.step)
-
     @property
     def fastest(self) -> float:
         """Natural frequency, rad/s."""
@@ -298,11 +280,6 @@ class WhitePlan(SteppedPlan):
         record = np.zeros((self.steps, 1, 3))
         self.averages(seed, path, 1, record)
         return columns_of_one(self.model, record[:, 0])
-
-    @property
-    def settling(self) -> int:
-        """Recorded steps that a history leaves out."""
-        return self._burn_in_steps
 
     def record_size(self, samples: int) -> int:
         """Numbers that the record of one path takes."""
@@ -467,8 +444,7 @@ class WhitePaths(Underway):
     ) -> None:  # fmt: skip
         burn_in = 0 if record is not None else plan._burn_in_steps
         super().__init__(burn_in + plan.steps, 1, burn_in)
-        streams = np.empty((2, paths), np.uint64)
-        seed_streams(np.uint64(seed), first_path, streams)
+        streams = streams_of(seed, first_path, paths)
         x, v = plan._start(streams)
         sums, noise = np.zeros((SUMS, paths)), np.zeros((2, paths))
         self.plan = plan
