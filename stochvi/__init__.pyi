@@ -12,6 +12,7 @@ from . import (
 )
 from .absorbers.performance import absorber
 from .identification.fitting import identify
+from .identification.shocks import shocks
 from .isolators.screening import screen
 from .isolators.sizing.size import size
 from .methods.averaging import average
@@ -122,6 +123,7 @@ __all__ = [
     "save_answer",
     "scenes",
     "screen",
+    "shocks",
     "simulate",
     "size",
     "spectrum",

@@ -183,6 +183,46 @@ def identify(
 
 
 # ------------------------------------------------------------------------------
+# The command that finds the shocks in a record.
+# ------------------------------------------------------------------------------
+
+
+@command("json, out, quiet, verbose", reads="file")
+def shocks(
+    options: Common, file: str, scene: Path | None, column: str | None, **asked: Any
+) -> None:
+    """Find the shocks in a record, cut them out, and count them.
+
+    Example: stochvi shocks drive.csv --natural-frequency 12Hz --scene box.toml --out out
+
+    --natural-frequency F (frequency)  That of the mount: shocks count as it feels them [any].
+    --scene FILE (path)  With --out: scene whose structure and stops that of both takes.
+    --false-alarms N (float) = 0.05  Mean number of false shocks, at most, in such a record.
+    --unit UNIT  Unit of the values, g, m/s2 or N, if FILE states none.
+    --fs HZ (float)  Sampling rate of a record without times.
+    --column NAME  Column of a record with several, name or number.
+    --gaps refuse|split = refuse  What to do where samples are missing.
+    """
+    from stochvi.identification.shocks import shocks as solve
+    from stochvi.scenes.text_tables import read_text
+    from stochvi.views.files import write_text
+    from stochvi.views.pages import Told
+
+    if scene is not None and options.out is None:
+        raise ValueError("--scene needs --out, the folder that gets the scene of both")
+    text = "" if scene is None else read_text(scene)
+    number = int(column) if column is not None and column.isdigit() else column
+    found = solve(Path(file), column=number, **asked)
+    options.show(found)
+    if found.shocks:
+        after = "with --out out: the quiet record, the shocks, and a scene of both"
+        if options.out is not None:
+            write_text(found.scene_text(text), options.out / "with-shocks.toml")
+            after = f"stochvi size {options.out}/with-shocks.toml --probability 1% --mission 8h"
+        options.say(Told(statements=[f"Next, {after}"]))
+
+
+# ------------------------------------------------------------------------------
 # Commands of isolators between stops: screening, clearance, sizing, perturbations.
 # ------------------------------------------------------------------------------
 

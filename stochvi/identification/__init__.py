@@ -1,4 +1,4 @@
-"""The law of a stop from a user's own test."""
+"""What measurements tell: the law of a stop from a test of it, and the shocks in a record."""
 
 import lazy_loader
 

@@ -166,6 +166,14 @@ class Record:
         """Length of the record without gaps, s."""
         return len(self.values) / self.fs
 
+    @property
+    def times(self) -> Vector:
+        """Seconds of each value after the first line of the file."""
+        found = np.arange(len(self.values)) / self.fs
+        for start, length in self.gaps:
+            found[found > start - 0.5 / self.fs] += length
+        return found
+
     def scaled(self, factor: float) -> Record:
         """The record at `factor` times its values."""
         return replace(self, values=self.values * factor, mean=self.mean * factor)

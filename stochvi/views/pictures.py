@@ -483,6 +483,13 @@ VIEWS = {
     ),
     "Explanation": View("verification", "explanation", "methods", None),
     "FirstPassage": View("density", "first_passage", "first_passage", titled=True),
+    "FoundShocks": View(
+        "shocks", "shocks", "shocks",
+        tables=lambda found: (
+            {f"shock-{number}": each for number, each in enumerate(found.cuts, 1)}
+            | ({"quiet": found.quiet} if found.shocks else {})
+        ),
+    ),
     "HarmonicResponse": View("sine", "sine", "sine"),
     "History": View(
         "density", "history", "history", None, plot="plot_motion",

@@ -60,7 +60,7 @@ QUESTIONS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
 """What is asked of each command with a budget, by a name for the question."""
 
 WITHOUT_BUDGET = {
-    "profiles", "new", "demo", "problems", "judge", "schema", "identify",
+    "profiles", "new", "demo", "problems", "judge", "schema", "identify", "shocks",
 }  # fmt: skip
 """Commands that have no budget: what is asked of them bounds their work."""
 

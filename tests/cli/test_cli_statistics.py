@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from pathlib import Path
 
 import jsonschema
@@ -10,6 +11,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
+from stochvi.scenes.datasets import shipped_scene
 from support.accuracies import quick_cases
 from support.commands import ELASTIC, ISOLATOR, Run, one_document, refused
 from support.known import DOCUMENT, changed, to_toml
@@ -314,6 +316,42 @@ def test_what_is_no_test_is_refused(stochvi: Run, tmp_path: Path) -> None:
     assert "mass must be given" in refused(stochvi("identify", str(file), "--test", "drop"))
     missing = stochvi("identify", str(tmp_path / "none.csv"), "--test", "force")
     assert "cannot be read" in refused(missing)
+
+
+# ------------------------------------------------------------------------------
+# `stochvi shocks`: its sentences, its files, and the scene that others take.
+# ------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_potholes_are_found_and_cut_and_the_scene_of_both_runs(
+    stochvi: Run, tmp_path: Path
+) -> None:
+    scene = shipped_scene("isolator-potholes")
+    record, out = str(scene.with_name("truck-potholes.csv")), tmp_path / "out"
+    asked = ("shocks", record, "--natural-frequency", "12Hz")
+    told = stochvi(*asked, "--scene", str(scene), "--out", str(out))
+    assert told.code == 0, told.err
+    assert "3 shocks in 30 s of truck-potholes.csv: 360 an hour" in told.out
+    assert "Next, stochvi size" in told.out
+    names = {"quiet.csv", "shocks.csv", "shocks.png", "with-shocks.toml"}
+    assert {each.name for each in out.iterdir()} == names | {f"shock-{k}.csv" for k in (1, 2, 3)}
+    document = one_document(stochvi(*asked, "--quiet", "--json", "-").out)
+    starts = [each["start"] for each in document["shocks"]]
+    assert starts == pytest.approx([6.3, 14.8, 23.1], abs=0.15)  # those of data/scenes/potholes.py
+    both = str(out / "with-shocks.toml")
+    done = stochvi("reliability", both, "--mission", "10s", "--rel-error", "0.3")
+    likely = re.search(r"An impact in 10 s: (\S+) % likely", done.out)
+    assert done.code == 0 and likely is not None
+    # a shock comes in 10 s with a probability of 63 %, and moves the box past either stop
+    assert 40.0 < float(likely[1]) < 80.0
+
+
+def test_what_is_asked_of_shocks_without_a_folder_is_refused(stochvi: Run, tmp_path: Path) -> None:
+    record = str(shipped_scene("isolator-potholes").with_name("truck-potholes.csv"))
+    scene = ("--scene", str(shipped_scene("isolator-potholes")))
+    assert "--scene needs --out" in refused(stochvi("shocks", record, *scene))
+    assert "cannot be read" in refused(stochvi("shocks", str(tmp_path / "none.csv")))
 
 
 # ------------------------------------------------------------------------------

@@ -204,6 +204,9 @@ ANSWERS: dict[str, Callable[[], Result]] = {
         rel_error=0.5, threads=1,
     ),
     "History": lambda: stochvi.history(lossy(), duration=2.0),
+    "FoundShocks": lambda: stochvi.shocks(
+        shipped_scene("isolator-potholes").with_name("truck-potholes.csv")
+    ),
     "Identification": lambda: stochvi.identify(
         Rebounds(approach=[0.5, 1.0, 1.5, 2.0], rebound=[0.36, 0.69, 1.06, 1.39])
     ),
@@ -514,8 +517,8 @@ COUNTS_AND_RATIOS = {
     "absorbed_share", "best", "branch", "captured", "clearance_in_sigma", "damage_ratio",
     "displacement_kurtosis", "first_harmonic", "first_order", "hits", "hits_lower",
     "hits_upper", "impacts_per_hour", "impacts_per_period", "independent", "left",
-    "left_later", "model", "multiplier", "on_both_stops", "order", "pair", "paths",
-    "peak_factor", "peak_factor_without", "periods", "play_in_sigma", "probability",
+    "left_later", "model", "multiplier", "on_both_stops", "order", "over_threshold", "pair",
+    "paths", "peak_factor", "peak_factor_without", "periods", "play_in_sigma", "probability",
     "probability_alone", "reference", "regime", "relative", "restitution", "rests",
     "rms_ratio", "score", "share", "side", "size", "stated", "step_bias_limit",
     "stiffness_factor", "total", "trials", "units", "worst",
@@ -623,7 +626,7 @@ def test_a_file_that_holds_no_answer_is_refused(tmp_path: Path) -> None:
 
 
 def test_an_answer_says_where_it_comes_from(answer: Result) -> None:
-    others = {"Checks", "Judgement", "Identification"}  # of several scenes, and of none
+    others = {"Checks", "FoundShocks", "Judgement", "Identification"}  # of several, or of none
     if type(answer).__name__ not in others:
         assert answer.provenance["scene"]["structure"]
     if type(answer).__name__ != "Sizing":  # the tests here make it
