@@ -14,7 +14,7 @@ from stochvi import Restitution, Viscoelastic, load_scene
 from stochvi.engine.calls import functions_of, stops_of
 from stochvi.engine.compliant_contacts import make_workspace
 from stochvi.engine.sub_steps import responses_of
-from stochvi.engine.together import Ends, Scene, finish_together
+from stochvi.engine.together import NOT_KNOWN, Ends, Scene, finish_together
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.model.model import model_of
 from support import CHECKOUT
@@ -41,11 +41,12 @@ def impacts() -> np.ndarray:
     places, law = np.array([[-9.0, 1.0]]), RIGID.compiled()
     stops, laws = stops_of(places, np.zeros(1), {(0, 0): law, (0, 1): law})
     series = random.uniform(0.5, 1.0, (5, terms)) / 10.0 ** np.arange(terms)
-    responses = responses_of(series[None, 3:], series[None, None, :3], np.zeros((1, 0, terms)))
+    responses = responses_of(series[None, 3:], 1, series[None, None, :3], np.zeros((1, 0, terms)))
     new, sums = random.normal(size=(states, lanes)), np.zeros((1, 6, lanes))
     scene = Scene(
-        step, stops, functions_of(laws, lanes=True), responses, make_workspace(1, states, terms),
-        ends, new, sums, np.zeros((lanes, 1, 2)), np.zeros(lanes, np.uint64), None, 0, 0, None,
+        step, stops, functions_of(laws, lanes=True), responses, NOT_KNOWN,
+        make_workspace(1, states, terms), ends, new, sums, np.zeros((lanes, 1, 2)),
+        np.zeros(lanes, np.uint64), None, 0, 0, None,
     )  # fmt: skip
     index = np.flatnonzero(y1 > 1.0)
     finish_together(index, scene, None, None)
