@@ -222,8 +222,9 @@ def bracketed_root(c0, c1, c2, c3, c4, c5):
             high = t
         else:
             low = t
-        following = t - value / slope if slope > 0.0 else low
-        if not (low < following < high):
+        following = t - value / slope if slope > 0.0 else -1.0
+        # the ends are allowed: at the root Newton's step may round to nothing
+        if not (low <= following <= high):
             following = 0.5 * (low + high)
         near = abs(following - t) <= ROOT_ERROR * t
         t = following

@@ -30,7 +30,7 @@ from stochvi import (
     linearise,
     simulate,
 )
-from stochvi.engine.arithmetic import COLUMNS, Log, first_root
+from stochvi.engine.arithmetic import COLUMNS, Log, bracketed_root, first_root
 from stochvi.engine.compiling import kernel
 from stochvi.engine.compliant_contacts import put_on_stop
 from stochvi.engine.sub_steps import V1, Y1, Responses
@@ -412,8 +412,7 @@ def test_first_roots_are_those_of_the_polynomial() -> None:
         c = rng.standard_normal(6)
         c[0] = -abs(c[0])
         t, slope = first_root(*c, stack)
-        basis = [math.comb(5, k) * grid**k * (1.0 - grid) ** (5 - k) for k in range(6)]
-        value = c @ np.array(basis)
+        value = quintic(c, grid)
         above = np.flatnonzero(value > 0.0)
         if len(above) == 0:
             assert t == 2.0 or value.max() > -1e-6
@@ -422,6 +421,21 @@ def test_first_roots_are_those_of_the_polynomial() -> None:
         assert grid[above[0] - 1] - 1e-9 <= t <= grid[above[0]] + 1e-9
         assert slope == pytest.approx(np.gradient(value, grid)[above[0]], abs=1e-2)
     assert found > 200
+
+
+def test_a_root_is_found_to_rounding() -> None:
+    """Also where Newton's step ends on an end of the bracket."""
+    rising = np.sort(np.random.default_rng(0).standard_normal((20_000, 6)))
+    rising = rising[(rising[:, 0] < 0.0) & (rising[:, 1] > 0.0)]
+    assert len(rising) > 1000
+    for c in rising:
+        t, slope = bracketed_root(*c)
+        assert abs(quintic(c, t)) <= 1e-13 * slope
+
+
+def quintic(c: np.ndarray, t: float | np.ndarray) -> np.ndarray:
+    """A polynomial with the Bernstein coefficients c."""
+    return c @ np.array([math.comb(5, k) * t**k * (1.0 - t) ** (5 - k) for k in range(6)])
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
