@@ -160,7 +160,7 @@ COMMAND_LINE = "stochvi.command_line"
 HELP = {
     "A system between its stops": (
         "new", "explain", "screen", "size", "reliability", "replay", "damage", "clearance", "sweep",
-        "absorber", "identify", "shocks", "profiles",
+        "absorber", "identify, shocks", "profiles",
     ),
     "Its motion": ("simulate", "impacts", "spectrum", "history", "sine"),
     "Methods and their agreement": (
@@ -173,6 +173,7 @@ HELP = {
 WORDS = {
     "sine": "Find all periodic motions under a sine, and jumps; also sine basins, sine "
     "bifurcation, sine lifetimes and sine perturbations.",
+    "identify, shocks": "Find the law of a stop from a test of it, or the shocks in a record.",
     "exact, fokker-planck, first-passage, linearise, average, growth": "Solve a scene by theory.",
     "check, cost, judge, problems": "Compare methods, measure what accuracy costs, and judge other "
     "programs.",

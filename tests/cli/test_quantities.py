@@ -3,7 +3,7 @@
 import click
 import pytest
 
-from stochvi.cli.options import CHANCE, KINDS, RATE, SPEED, TIME, listed, on_page
+from stochvi.cli.options import KINDS, listed, on_page
 from support.commands import ISOLATOR, Run, one_document, refused
 
 
@@ -23,7 +23,7 @@ def test_a_page_states_help_and_options() -> None:
     assert words.strip() == "Find it."
     assert (flag.is_flag, way.is_flag, way.type.choices) == (True, False, ("a", "b"))
     assert (way.name, way.default, way.help) == ("method", "a", "How it is found, in two lines.")
-    assert (time.metavar, time.required, time.type) == ("TIME", True, TIME)
+    assert (time.metavar, time.required, time.type) == ("TIME", True, KINDS["time"])
     assert (way.show_default, level.show_default, level.default) == (True, False, "2")
 
 
@@ -41,17 +41,17 @@ def test_what_is_no_line_of_an_option_is_an_error(line: str) -> None:
      ("1 d 2 hours", 93600.0), ("1:30:00", 5400.0), ("100:00:01.5", 360001.5)],
 )  # fmt: skip
 def test_times(text: str | float, seconds: float) -> None:
-    assert TIME.convert(text, None, None) == pytest.approx(seconds, rel=1e-15)
+    assert KINDS["time"].convert(text, None, None) == pytest.approx(seconds, rel=1e-15)
 
 
 @pytest.mark.parametrize("text", ["0.025", "2.5%", "2.5 %", 0.025])
 def test_chances(text: str | float) -> None:
-    assert CHANCE.convert(text, None, None) == pytest.approx(0.025, rel=1e-15)
+    assert KINDS["probability"].convert(text, None, None) == pytest.approx(0.025, rel=1e-15)
 
 
 @pytest.mark.parametrize("text", ["0.5", "0.5/s", "30/min", "30 / min", "1800 per h", 0.5])
 def test_rates(text: str | float) -> None:
-    assert RATE.convert(text, None, None) == pytest.approx(0.5, rel=1e-15)
+    assert KINDS["rate"].convert(text, None, None) == pytest.approx(0.5, rel=1e-15)
 
 
 @pytest.mark.parametrize("text", ["0.1/kg", "a/h", "1/", "0.1 h"])
@@ -112,7 +112,7 @@ def test_lengths_speeds_and_accelerations() -> None:
     assert read("lengths", "1mm, 2 mm,0.3 cm,2") == metres
     assert read("barriers", "4mm") == (-4e-3, 4e-3)
     assert read("barriers", "-0.003,") == (-3e-3, None)
-    assert SPEED.convert("50 cm/s", None, None) == 0.5
+    assert KINDS["speed"].convert("50 cm/s", None, None) == 0.5
     assert read("list of m/s", "0.1, 50 mm/s") == [0.1, 0.05]
     assert read("list of dB", "-3dB,0,3 dB") == [-3.0, 0.0, 3.0]
     assert read("acceleration", "40g") == read("acceleration", "40 G")

@@ -919,7 +919,7 @@ def test_no_error_is_taken_from_the_atlas_of_constant_restitutions() -> None:
 @pytest.mark.parametrize(
     ("method", "words"),
     [
-        (exact, r"restitution must be 1 \(an elastic stop\), got 0.7 \+- 0.1"),
+        (exact, r"restitution must be 1 \(an elastic stop\), got 0.7 ± 0.1"),
         (lambda scene: harmonic_response(sine(scene)), "which scatters; give its mean alone"),
         (lambda scene: perturbations(sine(scene), [1.0]), "which scatters; give its mean alone"),
     ],

@@ -54,13 +54,13 @@ from stochvi.statistics import clusters
 from stochvi.statistics.clusters import (
     Bursts,
     ClusterPaths,
-    asked_in_parts,
     bursts,
     chance_of,
     is_far,
     widened,
 )
 from stochvi.statistics.crossings import PairMotion, first_crossings
+from stochvi.statistics.mission_parts import asked_in_parts
 from stochvi.statistics.rare_hits import (
     Limit,
     exceedance,

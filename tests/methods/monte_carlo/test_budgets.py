@@ -508,7 +508,7 @@ def test_another_format_and_missing_keys_are_said(tmp_path: Path) -> None:
     simulate(oscillator(), **ASKED, checkpoint=kept)
     text = kept.read_bytes()
     kept.write_bytes(text.replace(b"checkpoint 8", b"checkpoint 12", 1))
-    with pytest.raises(CheckpointError, match=r"another version of stochvi \(format 12, here 7\)"):
+    with pytest.raises(CheckpointError, match=r"another version of stochvi \(format 12, here 8\)"):
         simulate(oscillator(), resume=kept)
     whole = json.loads(text.partition(b"\n")[2])
     ((name, entry),) = whole["samples"].items()
