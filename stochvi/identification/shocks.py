@@ -681,6 +681,8 @@ def _answer(search: Search, noise: RecordedNoise) -> FoundShocks:
 
 
 ASSUMED = (
+    "the level of the noise changes slowly: where it grows fourfold within seven seconds, false "
+    "shocks are four times as many",
     "shocks come at independent times (Poisson)",
     "heights include the noise on a shock",
     "the scene takes every shock for the one that stands out most",

@@ -484,7 +484,7 @@ VIEWS = {
     "Explanation": View("verification", "explanation", "methods", None),
     "FirstPassage": View("density", "first_passage", "first_passage", titled=True),
     "FoundShocks": View(
-        "shocks", "shocks", "shocks",
+        "verification", "shocks", "shocks",
         tables=lambda found: (
             {f"shock-{number}": each for number, each in enumerate(found.cuts, 1)}
             | ({"quiet": found.quiet} if found.shocks else {})

