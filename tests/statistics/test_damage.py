@@ -83,6 +83,17 @@ def between(law: object, clearance: float = 4e-3, noise: object = TRUCK) -> Scen
 BUMPERS = between(Viscoelastic(stiffness=2e5, damping_ratio=0.2))
 
 
+def test_stops_that_nothing_reaches_add_no_damage() -> None:
+    """As beside a phase that hardly shakes: not one crossing in any time that has a number."""
+    scene = between(Restitution(coefficient=0.5), clearance=0.4)
+    found = damage(scene, mission=600.0, equipment=[60.0], rel_error=0.5, budget=None)
+    assert found.with_stops.fatigue_damage.value == pytest.approx(
+        found.without_stops.fatigue_damage.value, rel=0.5
+    )
+    with pytest.raises(NotApplicable, match="stops must be within reach"):
+        damage(scene, mission=600.0, equipment=[60.0], way="clusters")
+
+
 # Cycles ------------------------------------------------------------------------------------
 
 

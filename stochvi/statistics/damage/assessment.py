@@ -662,6 +662,9 @@ class _Question:
                 clusters, self.equipment, tuple(self.row.tolist()), self.levels
             )
             expected = sampler.seconds * float(clusters.records.rice_rates.sum())
+            if expected == 0.0:
+                unmet = "stops must be within reach, got none that is ever met; leave way out"
+                raise NotApplicable("damage", [unmet])
             if way is None and (expected > UNFINISHED or not sampler.fits):
                 return None
         except NotApplicable:
