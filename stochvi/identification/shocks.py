@@ -676,7 +676,7 @@ def _answer(search: Search, noise: RecordedNoise) -> FoundShocks:
             for each in map(search.cut, search.events)
         ],
         assumptions=ASSUMED,
-        warnings=[*noise.doubts(), *_doubts(search, times)],
+        warnings=[*noise.doubts(), *_doubts(search, times, peaks, expected)],
     )  # fmt: skip
 
 
@@ -690,7 +690,7 @@ ASSUMED = (
 """What a rate of shocks and its scene rest on."""
 
 
-def _doubts(search: Search, times: Vector) -> Iterator[str]:
+def _doubts(search: Search, times: Vector, peaks: int, expected: float) -> Iterator[str]:
     """What makes the count doubtful, a sentence each."""
     for step in search.steps:
         when = times[(step.first + step.last) // 2]
@@ -704,7 +704,6 @@ def _doubts(search: Search, times: Vector) -> Iterator[str]:
             f"the mean of the record wanders by {share:.2g} standard deviations of the noise: "
             "shocks are counted from it, and the scene leaves it out (band_hz)"
         )
-    peaks, expected = peaks_beyond(search)
     if scipy.special.pdtrc(peaks - 1, expected) < DOUBTFUL:
         yield (
             f"between the shocks {peaks} peaks exceed {BEYOND:g} times the level of the noise, and "

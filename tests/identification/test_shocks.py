@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation
+from scipy.signal import lfilter
 from scipy.stats import binom, poisson
 
 import stochvi
@@ -101,12 +102,13 @@ def test_the_local_level_is_that_of_plain_windows() -> None:
 
 def test_the_memory_is_that_of_an_exponential_correlation() -> None:
     random, r, fs = np.random.default_rng(4), 0.8, 50.0
-    values = np.zeros(2**16)
-    for k, each in enumerate(random.normal(size=len(values) - 1)):
-        values[k + 1] = r * values[k] + each
     exact = (1.0 + r**2) / (1.0 - r**2) / fs
-    # the mean of squared densities of 31 segments, at 2048 frequencies, scatters by some 4 %
-    assert noise_memory(values, fs) == pytest.approx(exact, rel=0.15)
+    noises = random.normal(size=(40, 2**16))
+    found = np.array([noise_memory(lfilter([1.0], [1.0, -r], each), fs) for each in noises])
+    mean, error = found.mean(), found.std(ddof=1) / np.sqrt(len(found))
+    assert mean == pytest.approx(exact, abs=4.0 * error)
+    of_lags = (1.0 + r) / (1.0 - r) / fs  # without the square
+    assert mean != pytest.approx(of_lags, abs=4.0 * error)
 
 
 @pytest.mark.parametrize("windows", [1, 2])
