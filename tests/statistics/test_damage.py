@@ -83,6 +83,7 @@ def between(law: object, clearance: float = 4e-3, noise: object = TRUCK) -> Scen
 BUMPERS = between(Viscoelastic(stiffness=2e5, damping_ratio=0.2))
 
 
+@pytest.mark.slow
 def test_stops_that_nothing_reaches_add_no_damage() -> None:
     """As beside a phase that hardly shakes: not one crossing in any time that has a number."""
     scene = between(Restitution(coefficient=0.5), clearance=0.4)
