@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import signal
 import time
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from stochvi import (
 from stochvi.cli import main
 from stochvi.mathematics.spectra import MOST_BREAKPOINTS, response_moments
 from stochvi.results.deadline import Deadline, of_command
-from stochvi.results.errors import NotConverged
+from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.readers import TIME_RESPONSE
 from stochvi.scenes.records import Record, read_record, response_error, wanted_resolution
@@ -642,17 +643,24 @@ def test_an_hour_of_a_fast_logger_has_a_density_that_a_table_can_hold(tmp_path: 
         RecordedNoise(file=str(tmp_path / "hour.npy"), unit="m/s2", fs=1000.0, resolution_hz=1e-3)
 
 
+@pytest.mark.parametrize("ended_by", ["budget", "Ctrl-C"])
 def test_a_record_is_read_no_longer_than_the_budget_of_its_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ended_by: str
 ) -> None:
-    """Also after its lines were read: its clock and its gaps take as long."""
+    """Nor after Ctrl-C; also after its lines were read: its clock and its gaps take as long."""
 
     def endless(*_: object) -> None:
+        if ended_by == "Ctrl-C":
+            signal.raise_signal(signal.SIGINT)
         while True:
             time.sleep(0.01)
 
     file = tmp_path / "run.csv"
     file.write_text("".join(f"{n / 100:.2f},{n % 7}\n" for n in range(300)))
     monkeypatch.setattr("stochvi.scenes.records._sampling", endless)
-    with of_command(Deadline.after(1e-3)), pytest.raises(NotConverged, match="raise budget"):
+    deadline = Deadline.after(1e-3 if ended_by == "budget" else None)
+    error, words = (
+        (NotConverged, "raise budget") if ended_by == "budget" else (Interrupted, "by Ctrl-C")
+    )
+    with of_command(deadline), pytest.raises(error, match=words):
         read_record(file)

@@ -8,6 +8,7 @@ import io
 import json
 import math
 import os
+import signal
 import sys
 import warnings
 from pathlib import Path
@@ -25,7 +26,7 @@ from scipy.io import loadmat
 from stochvi.cli import main
 from stochvi.results import files
 from stochvi.results.deadline import Deadline, of_command
-from stochvi.results.errors import NotConverged, TargetError
+from stochvi.results.errors import Interrupted, NotConverged, TargetError
 from stochvi.results.files import write_whole
 from stochvi.scenes.datasets import data_folder
 from stochvi.scenes.readers import read_columns
@@ -268,6 +269,26 @@ def test_a_long_table_is_not_written_beyond_the_budget_of_its_command(
     with of_command(Deadline.after(600.0)):  # and within it, it is
         write_table(frame[:21_000], tmp_path / "table.csv")
     assert len((tmp_path / "table.csv").read_text().splitlines()) == 21_001
+
+
+def test_a_long_table_is_not_written_to_its_end_after_ctrl_c(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a command without a budget; a table that takes no time is written."""
+
+    def pressed(frame: pd.DataFrame, *_: object) -> pd.DataFrame:
+        signal.raise_signal(signal.SIGINT)
+        return frame
+
+    monkeypatch.setattr("stochvi.results.deadline.OVERDUE_SECONDS", 0.06)
+    monkeypatch.setattr("stochvi.views.files.in_chosen_units", pressed)
+    frame = pd.DataFrame(np.random.default_rng(1).normal(size=(150_000, 3)), columns=list("abc"))
+    with (
+        of_command(Deadline.after(None)),
+        pytest.raises(Interrupted, match=r"by Ctrl-C before table\.csv was written"),
+    ):
+        write_table(frame, tmp_path / "table.csv")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("end", ["\r", "\n", "\r\n", "\u2028", "\x0b"])

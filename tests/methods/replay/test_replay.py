@@ -7,6 +7,7 @@ import itertools
 import json
 import math
 import re
+import signal
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations, pairwise
@@ -29,6 +30,7 @@ from stochvi import (
     ForceFunction,
     ForceTable,
     ImpactPair,
+    Interrupted,
     Isolator,
     Matrices,
     NotApplicable,
@@ -50,7 +52,7 @@ from stochvi.engine.impact_laws import CELLS
 from stochvi.methods.replay import Replay
 from stochvi.methods.replay.march import SampledExcitation, integrate
 from stochvi.model.model import model_of
-from stochvi.results.deadline import Deadline
+from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.scenes import DriveFunction, Hertz, Pulses
 from stochvi.scenes.excitations import BaseExcitation
 from stochvi.scenes.impact_laws import CompliantLaw, Law
@@ -232,6 +234,11 @@ def test_a_march_goes_on_from_where_a_call_left_it(
         assert np.array_equal(getattr(parts, name), getattr(whole, name)), name
     with pytest.raises(NotConverged, match=r"budget of 0 s ended at 0\.\d+ s of a record of 0.598"):
         integrate(model, shaking, np.zeros(1), deadline=Deadline.after(0.0))
+    with graceful_interrupt():
+        pressed = Deadline.after(None)
+        signal.raise_signal(signal.SIGINT)
+        with pytest.raises(Interrupted, match=r"by Ctrl-C at 0\.\d+ s of a record of 0.598"):
+            integrate(model, shaking, np.zeros(1), deadline=pressed)
 
 
 def test_a_budget_that_ends_while_kernels_are_loaded_names_the_whole_record(
