@@ -293,7 +293,8 @@ def study_pages() -> dict[str, str]:
     found["studies.md"] = "\n".join([
         "# Studies", "",
         "Each study is a question, an answer with its error, the command that makes it, and its "
-        "numbers in `result.csv`. `make studies` makes all of them again.", "",
+        "numbers in `result.csv`. Times are those of a core or two of an AMD EPYC. `make studies` "
+        "makes all of them again.", "",
         *listed["users"], *toctree(sorted(name for name in found if name[8:10] not in DEVELOPERS)),
     ])  # fmt: skip
     found["bench.md"] = "\n".join([
