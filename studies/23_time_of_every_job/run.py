@@ -133,10 +133,11 @@ def measure(houses: dict[str, Path], repeats: int, quick: bool) -> pd.DataFrame:
 def as_page(table: pd.DataFrame) -> str:
     """The rows as a table of a page, with a ratio where an older revision was timed."""
     before = table[table["revision"] == "before"].set_index("name")["cpu"]
-    lines = ["| job | CPU | unit | older revision, ratio |", "|---|---|---|---|"]
+    lines = ["| job | CPU | older revision, ratio |", "|---|---|---|"]
     for row in table[table["revision"] == "now"].itertuples():
-        ratio = f"{before[row.name] / row.cpu:.2f}" if row.name in before else "-"
-        lines.append(f"| {row.name} | {row.cpu:.3g} | {row.unit.split(';')[0]} | {ratio} |")
+        ratio = f"{before[row.name] / row.cpu:.2f}" if row.name in before else ""
+        unit = row.unit.split(";")[0].removesuffix(" of CPU")
+        lines.append(f"| {row.name} | {row.cpu:.3g} {unit} | {ratio} |")
     return "\n".join(lines)
 
 
