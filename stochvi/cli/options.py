@@ -546,7 +546,7 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
             quiet = options.quiet
             with (
                 checked_targets(options, given),
-                showing(None if quiet else _say_only),
+                showing(None if quiet else _each_once()),
                 shown_in(options.units),
             ):
                 if has_budget:
@@ -571,9 +571,17 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     return decorate
 
 
-def _say_only(done: float, text: str) -> None:
-    """Print what is announced while no progress is shown."""
-    echo(text)
+def _each_once() -> Callable[[float, str], None]:
+    """Print what is announced while no progress is shown: a command compiles many kernels, each of
+    which says so."""
+    said: set[str] = set()
+
+    def say(done: float, text: str) -> None:
+        if text not in said:
+            said.add(text)
+            echo(text)
+
+    return say
 
 
 def _scenes(given: Mapping[str, Any]) -> list[Path]:

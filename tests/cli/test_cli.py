@@ -20,7 +20,7 @@ import pandas as pd
 import pytest
 
 from stochvi.cli import main, program
-from stochvi.cli.options import Common
+from stochvi.cli.options import Common, _each_once
 from stochvi.methods.closed_form import exact
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotConverged
@@ -846,6 +846,15 @@ def test_a_target_that_cannot_be_is_refused_before_the_work(
     Path("file").touch()
     # the scene is not even looked at
     assert arguments[0] in refused(stochvi("exact", "no such scene.toml", *arguments))
+
+
+def test_what_many_kernels_announce_is_told_once(capsys: pytest.CaptureFixture[str]) -> None:
+    """A sweep over frequencies compiled 17 of them, and said so 17 times."""
+    for _ in range(2):  # the next command tells it again
+        say = _each_once()
+        for text in ("compiling", "compiling", "waiting", "compiling"):
+            say(0.0, text)
+    assert capsys.readouterr().err.split() == ["compiling", "waiting"] * 2
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows makes links for administrators alone")

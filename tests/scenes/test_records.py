@@ -370,6 +370,8 @@ def test_six_digits_in_all_are_no_gaps_where_times_pass_a_power_of_ten(tmp_path,
     assert len(found.values) == len(record.values)
     coarsest = 10.0 ** (math.floor(math.log10(exact[-1])) - 5)
     assert abs(found.fs / rate - 1.0) < 1.5 * coarsest / np.ptp(exact)
+    split = RecordedNoise(file=path, unit="m/s2", gaps="split").record
+    assert split.gaps == () and len(split.segments) == 1
     # samples that are missing are gaps as before: more than the digits of their times can hide
     lost = slice(300, 300 + math.ceil(3.0 * coarsest * rate) + 3)
     times = np.delete(exact, lost)
