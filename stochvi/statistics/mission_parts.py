@@ -188,7 +188,8 @@ def joined(
     each, values = parts.values(), {name: one.value for name, one in parts.items()}
     return Hazard(
         sum(values.values()),
-        math.hypot(*(one.below for one in each)),
+        math.hypot(*(one.below for one in each if not one.bounded))
+        + sum(one.below for one in each if one.bounded),
         math.hypot(*(one.above for one in each if not one.bounded))
         + sum(one.above for one in each if one.bounded),
         bias_of_steps(steps, values, lags),

@@ -63,6 +63,7 @@ from stochvi.views.pages import (
     Told,
     told_of,
 )
+from stochvi.views.tables import chance_in_words
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -603,6 +604,10 @@ def reliability_told(found: Reliability) -> Told:
     hits = f"expected impacts in {mission}: {found.hits_in_words()}"
     lines = [] if found.hits is None else [hits]
     lines += [each.why for each in chances if each.way in ("phases", "levels")]
+    if found.gaps:
+        name, most = next(iter(found.gaps.items()))
+        likely = chance_in_words(most.probability)
+        lines.append(f"most likely of {len(found.gaps)} gaps: {name}, alone {likely}")
     if len(found.pairs) > 1:
         share = max((each.share_of_first_hits, name) for name, each in found.pairs.items())
         lines.append(f"first impacts: {spoken_percent(share[0])} of them on {share[1]}")
@@ -661,10 +666,45 @@ def reliability_told(found: Reliability) -> Told:
         verdict=found.verdict(),
         alarm=bool(found.missing),
         statements=[*map(capital, lines)],
-        sections=[probabilities],
+        sections=[probabilities, *_gaps_told(found)],
         footer=[f"cost: {found.cost.wall_time:.3g} s on {found.cost.threads} threads"],
         brief=True,
     )
+
+
+FIRST_GAPS = 10
+"""Number of gaps that a terminal and a page list; a file holds all."""
+
+
+def _gaps_told(found: Reliability) -> list[Section]:
+    """The first of many gaps, each as if it alone could close."""
+    mission, count = spoken_mission(found.mission), len(found.gaps)
+    if not count:
+        return []
+    more = f", {FIRST_GAPS} of {count}" if count > FIRST_GAPS else ""
+    rows = Grid.of(
+        f"Gaps by the probability that they close in {mission}, each alone{more}",
+        [*found.gaps.items()][:FIRST_GAPS],
+        "gap = name; stop = side; distance = clearance; displacement_std; "
+        "left at 3 sigma = left {length}; crossings {count}; probability {likely}; "
+        "at_least {likely}; at_most {likely}",
+        2,
+        left=lambda _, gap: gap.clearance - 3.0 * gap.displacement_std,
+    )
+    picture = Picture(lambda: plot_gaps(found), f"The first gaps, with bounds, in {mission}.")
+    return [Section(title="Gaps", grids=rows, pictures=[picture], asked=True)]
+
+
+def plot_gaps(found: Reliability, ax: Axes | None = None) -> Axes:
+    """The probabilities of the first gaps with their bounds on a logarithmic axis."""
+    shown = [*found.gaps.items()][: 2 * FIRST_GAPS]
+    words = f"probability of a contact in {spoken_mission(found.mission)}, each gap alone"
+    chart = listed(ax, [name for name, _ in shown], Scale(words, log=True))
+    for row, (_, gap) in enumerate(shown):
+        chart.across(
+            row, gap.probability, max(gap.at_least, SMALLEST_DRAWN * gap.at_most), gap.at_most
+        )
+    return chart.finish()
 
 
 def plot_chances(found: Reliability, ax: Axes | None = None) -> Axes:

@@ -48,7 +48,7 @@ from stochvi.statistics.clusters import ImpactCounts, count_impacts
 from stochvi.statistics.crossings import first_crossings, own_distances
 from stochvi.statistics.rare_hits import Limit, Windows, overlap_of, rare_hits
 from stochvi.statistics.rare_hits import exceedance as exceedance_of_pairs
-from stochvi.statistics.reliability.missions import Chance, PairRisk
+from stochvi.statistics.reliability.missions import Chance, GapRisk, PairRisk
 from stochvi.statistics.trial_splitting import Question, RareHits, windows_of
 
 Way = Literal["crude", "splitting", "first crossings"]
@@ -66,13 +66,15 @@ class Hits(NamedTuple):
 @dataclass
 class Findings:
     """What was found of the mission of a scene: probabilities by event, expected impacts, why
-    something is missing, what each pair and each output risks; notes and warnings in sentences."""
+    something is missing, what each pair, each of many gaps and each output risks; notes and
+    warnings in sentences."""
 
     chances: dict[str, Chance] = field(default_factory=dict)
     hits: Hits | None = None
     missing: dict[str, str] = field(default_factory=dict)
     pairs: dict[str, PairRisk] = field(default_factory=dict)
     outputs: dict[str, Estimate] = field(default_factory=dict)
+    gaps: dict[str, GapRisk] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 

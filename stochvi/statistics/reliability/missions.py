@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import MISSING, dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -23,6 +23,7 @@ from stochvi.results.base import (
     frame_by,
     frame_of,
     in_three_columns,
+    stated,
     unit_of_limit,
 )
 from stochvi.results.errors import NotApplicable
@@ -136,8 +137,9 @@ class Chance:
     @property
     def interval(self) -> str:
         """The interval in words, with its level."""
-        low = spoken_percent(self.lower) if self.lower > 0.0 else "0"
-        return f"{low} to {spoken_percent(self.upper)}, {100.0 * self.confidence:g} %"
+        ends = spoken_percent(self.lower) if self.lower > 0.0 else "0", spoken_percent(self.upper)
+        level = "bounds" if self.confidence == 1.0 else f"{100.0 * self.confidence:g} %"
+        return f"{' to '.join(dict.fromkeys(ends))}, {level}"
 
 
 EVENTS = {
@@ -173,6 +175,37 @@ class PairRisk:
     impact_speed_mean: Estimate | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class GapRisk:
+    """The probability that one of many gaps closes in a mission, as if it alone could.
+
+    Parameters
+    ----------
+    side
+        The stop that is reached more often, "lower" or "upper".
+    clearance
+        Distance of that stop from the mean gap, less its tolerance, m.
+    displacement_std
+        Standard deviation of the gap without stops, m.
+    crossings
+        Expected crossings of its stops in the mission without stops (Rice).
+    probability, at_least, at_most
+        Probability of a contact, and its bounds.
+
+    See Also
+    --------
+    stochvi.reliability : The answer that holds it.
+    """
+
+    side: str
+    clearance: float = stated("gap", "m", MISSING)
+    displacement_std: float = stated("rms motion", "m", MISSING)
+    crossings: float = stated("crossings", "1", MISSING)
+    probability: float = stated("probability", "1", MISSING)
+    at_least: float = stated("at least", "1", MISSING)
+    at_most: float = stated("at most", "1", MISSING)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Reliability(Result):
     """The risk of a mission: `chances` by event, and `hits`, the expected number of impacts.
@@ -181,7 +214,8 @@ class Reliability(Result):
     something was not found, or not as accurately as asked for: then the answer comes with a
     `NotConverged`. `pairs` holds, by name, what each of several pairs risks, and `outputs` the
     probability that each coordinate or point alone exceeds the limit of the acceleration. `phases`
-    holds, by name, the answer for each phase of the mission, where the scene has phases.
+    holds, by name, the answer for each phase of the mission, where the scene has phases. `gaps`
+    holds many pairs, or those of a certain contact, in the order of their probability.
 
     See Also
     --------
@@ -191,7 +225,7 @@ class Reliability(Result):
     in_document: ClassVar = {
         "no_hit": "no_hit", "expected_hits": "hits", "expected_hits_interval": "hits_interval",
     }  # fmt: skip
-    sometimes = ("pairs", "outputs", "phases")
+    sometimes = ("pairs", "outputs", "phases", "gaps")
 
     mission: float
     start: str
@@ -204,6 +238,7 @@ class Reliability(Result):
     pairs: Mapping[str, PairRisk] = field(default_factory=dict)
     outputs: Mapping[str, Estimate] = field(default_factory=dict)
     phases: Mapping[str, Reliability] = field(default_factory=dict)
+    gaps: Mapping[str, GapRisk] = field(default_factory=dict)
     method: str = "reliability"
 
     @property
@@ -233,6 +268,17 @@ class Reliability(Result):
         table = frame_by(self.chances.values(), names)
         found = {str(name): str(name).removeprefix("estimate.") for name in table}
         return table.rename(columns=found | {"estimate.value": "probability"})
+
+    def gap_table(self) -> DataFrame:
+        """A row per gap, in the order of the probability of a contact: the table of many pairs."""
+        names = "side clearance displacement_std crossings probability at_least at_most"
+        rows = frame_by(self.gaps.values(), names)
+        rows.insert(0, "gap", list(self.gaps))
+        return rows
+
+    @property
+    def _parts(self) -> Mapping[str, Any]:
+        return {**self.gaps, **self.quantities}
 
     def _shown(self) -> DataFrame:
         names = {"event": "quantity", "probability": "value", "way": "how"}
@@ -434,7 +480,7 @@ def _never_hit(
     }  # fmt: skip
     return replace(
         like, mission=duration, chances=chances, hits=None, hits_interval=None, missing={},
-        warnings=(), pairs={}, outputs={}, cost=Cost(wall_time=0.0),
+        warnings=(), pairs={}, outputs={}, gaps={}, cost=Cost(wall_time=0.0),
     )  # fmt: skip
 
 
@@ -469,7 +515,7 @@ def _together(
     more = [*spoken_lags(scenes, scene.phases), *bounds]
     return replace(
         first, mission=sum(each.mission for each in found.values()), chances=chances, hits=hits,
-        hits_interval=interval, missing=missing, pairs={}, outputs={}, phases=found,
+        hits_interval=interval, missing=missing, pairs={}, outputs={}, gaps={}, phases=found,
         **said_of_phases(scene, found, run, "steps", "paths", more=more),
     )  # fmt: skip
 
@@ -519,7 +565,7 @@ def joint_chance(
         estimate = replace(estimate, bias=estimate.bias + whole.bias * math.exp(-hazard))
     worst = max(parts, key=lambda name: parts[name].value)
     return Chance(
-        event=each[0].event, limit=each[0].limit, confidence=each[0].confidence,
+        event=each[0].event, limit=each[0].limit, confidence=min(one.confidence for one in each),
         estimate=replace(estimate, upper_95=None if estimate.value else above),
         lower=-math.expm1(-max(hazard - whole.below, 0.0)), upper=above, way="phases",
         rule="square roots of sums of squares of the half widths of the hazards of the phases",
@@ -762,7 +808,7 @@ def _levels_together(
     first, hits = levels[0], [each.hits for each in levels if each.hits is not None]
     number = asked.hits(hits) if len(hits) == len(levels) else None
     return replace(
-        first, mission=asked.mission, missing=missing, pairs={}, hits=number,
+        first, mission=asked.mission, missing=missing, pairs={}, gaps={}, hits=number,
         hits_interval=None if number is None else number.interval(first.confidence),
         chances={
             event: asked.chance([each.chances[event] for each in levels])

@@ -14,7 +14,7 @@ only where its error is clearly larger than the pilot let expect.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Unpack
 
@@ -56,6 +56,7 @@ from stochvi.statistics.reliability.choice import (
     harder_hits_of_pairs,
     hits_of_pairs,
 )
+from stochvi.statistics.reliability.gaps import FIRST, MANY, among, at_once
 from stochvi.statistics.reliability.missions import Chance, Reliability, of_phases, of_random_level
 from stochvi.statistics.trial_splitting import has_fast_peaks
 
@@ -196,7 +197,7 @@ def reliability(
         found = (
             _under_peaks(scene, pair, mission, jobs)
             if peaked
-            else _of_pairs(scene, pair, hardest, mission, jobs)
+            else _of_pairs(scene, pair, hardest, mission, way, jobs)
         )
         return _answered(scene, mission, start, found, jobs)
     if at is not None:
@@ -233,7 +234,7 @@ def _answered(
         hits=None if hits is None else hits.estimate,
         hits_interval=None if hits is None else hits.interval, confidence=jobs.confidence,
         assumptions=[*_assumptions(scene, start), *known.notes], warnings=known.warnings,
-        missing=missing, pairs=known.pairs, outputs=known.outputs,
+        missing=missing, pairs=known.pairs, outputs=known.outputs, gaps=known.gaps,
         cost=jobs.run.cost(
             steps=sum(each.steps for each in known.chances.values()) + (hits.steps if hits else 0),
             paths=sum(each.trials for each in known.chances.values()),
@@ -328,6 +329,34 @@ def _alone(pair: str | None) -> list[str]:
 
 
 def _of_pairs(
+    scene: Scene, pair: str | None, limits: list[Limit], mission: float, way: Way | None,
+    jobs: Jobs,
+) -> Findings:  # fmt: skip
+    """What several pairs risk: of many, or where a contact is certain, what is known at once; where
+    more is asked of many, the first of them are simulated."""
+    model, known = model_of(scene), None
+    if len(model.pairs) > MANY and pair is not None:
+        return _simulated(_with_pairs(scene, [pair]), pair, limits, mission, jobs)
+    if len(model.pairs) > 1 and pair is None and not model.drawn:
+        known = at_once(model, mission)
+    if known is not None and not limits and way is None:
+        return known
+    if known is None or len(model.pairs) <= MANY:
+        return _simulated(scene, pair, limits, mission, jobs)
+    first = [*known.gaps][:FIRST]
+    found = _simulated(_with_pairs(scene, first), None, limits, mission, jobs)
+    found.chances = {event: among(each, known.gaps, first) for event, each in found.chances.items()}
+    found.gaps = known.gaps
+    return found
+
+
+def _with_pairs(scene: Scene, names: Sequence[str]) -> Scene:
+    """The scene with some of its pairs alone."""
+    kept = tuple(each for each in scene.impact_pairs if each.name in names)
+    return scene.model_copy(update={"impact_pairs": kept})
+
+
+def _simulated(
     scene: Scene, pair: str | None, limits: list[Limit], mission: float, jobs: Jobs
 ) -> Findings:
     """The probability that any pair is hit, or any limit exceeded, expected impacts, and the risk
@@ -341,10 +370,7 @@ def _of_pairs(
         found.chances["hit"] = counted_hits(scene, model, hit, mission, some)
     except NotApplicable as reason:
         raise NotApplicable("reliability", reason.conditions) from reason
-    stopped = scene
-    if pair is not None:
-        kept = tuple(each for each in scene.impact_pairs if each.name == pair)
-        stopped = scene.model_copy(update={"impact_pairs": kept})
+    stopped = scene if pair is None else _with_pairs(scene, [pair])
     try:
         if model.drawn:
             sentence = (
