@@ -290,6 +290,7 @@ def test_the_first_of_many_are_simulated_where_that_is_asked_for() -> None:
     )
 
 
+@pytest.mark.slow
 def test_sines_beside_the_noise_leave_the_bounds_that_hold_for_them() -> None:
     pairs = [
         ImpactPair(name=f"at {level}", on="x", upper=0.5 * level, law=HARD)
@@ -309,6 +310,7 @@ def test_a_bound_holds_where_counts_are_known() -> None:
     assert least(np.array([[1.0, 0.0], [0.0, 1.0]]), np.array([1.0, 0.0])) == 1.0
 
 
+@pytest.mark.slow
 def test_files_and_the_console_of_many_gaps(stochvi: Run, tmp_path: Path) -> None:
     scene = plain(5, 6, MANY + 4).scene()
     (tmp_path / "many.toml").write_text(to_toml(scene.document()))
