@@ -14,6 +14,7 @@ from stochvi.cli.options import (
     band,
     tolerances_of,
 )
+from stochvi.statistics.hardness import HARDNESS
 
 if TYPE_CHECKING:
     from stochvi.isolators import Sizing
@@ -37,7 +38,7 @@ POINTS = 20
 OTHER = ("wanted", "pad_force", "rattle_space", "damage_ratio", "equipment", "q", "exponent")
 """Options of `size` that are for a map, or for damage."""
 
-TARGETS = ("probability", "rate", "impact_speed", "peak_acceleration")
+TARGETS = ("probability", "rate", *HARDNESS)
 NEVER_WITH = ("at", "pair", "common", "sensitivity", "tolerances")
 """Targets of `size`, and its options that do not go with a map, damage or phases."""
 
@@ -304,11 +305,8 @@ def size(question: Question) -> Show:
 
     --probability P (probability)  Target: probability of any impact in the mission, 0.01 or 1%.
     --rate F (rate)  Target: rate of impacts on all stops, 2 (1/s) or 0.1/h.
-    --impact-speed V (speed)  Target: largest impact speed of the mission, m/s.
-    --peak-acceleration A[g] (acceleration)  Target: largest absolute acceleration during an impact
-        in the mission, m/s^2 or g (80g).
-    --exceedance P (probability) = 0.01  Accepted probability that a speed or acceleration is
-        exceeded.
+    {limits}
+    --exceedance P (probability) = 0.01  Accepted probability that a limit is exceeded.
     --mission TIME (time)  Time of exposure: 3600 (s), 30min, 10h [1h, of a phase its duration; left
         out where the scene has phases].
     --at NAME  Coordinate or named point of that acceleration; default: all of them.

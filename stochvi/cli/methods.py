@@ -321,9 +321,7 @@ def reliability(question: Question) -> Show:
         has phases.
     --barrier B|LO,HI (barriers)  Without stops: barrier from the unloaded spring, 0.004 (m) or 4mm;
         LO, HI may be empty.
-    --impact-speed M/S (speed)  Largest allowed impact speed.
-    --peak-acceleration A|Ag (acceleration)  Largest allowed acceleration in a contact with
-        compliant stops, m/s^2 or g (80g).
+    {limits}
     --at NAME  Coordinate or named point of that acceleration; default: all of them.
     --pair NAME  Count impacts on this pair alone.
     --start rest|stationary = stationary  Start at rest, or in the stationary motion.

@@ -385,7 +385,7 @@ def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",")]
 
 
-QUANTITIES = ("time", "speed", "frequency", "force", "length", "acceleration")
+QUANTITIES = ("time", "speed", "frequency", "force", "length", "acceleration", "energy")
 KINDS = {
     "int": int, "float": float, "probability": Words("chance", _chance),
     "rate": Words("rate", _rate), "lengths": Words("lengths", _lengths),
@@ -431,10 +431,21 @@ def on_page(page: str) -> tuple[str, list[Callable[[Any], Any]]]:
     are choices, ":=" is a default that
     help does not show; a kind may also be "needed" or "many".
     """
-    words, *entries = re.split(r"\n\s*(?=--)", "\n" + page.format(**GROUPS))
+    groups = GROUPS | {"limits": _limits_of_hardness() if "{limits}" in page else ""}
+    words, *entries = re.split(r"\n\s*(?=--)", "\n" + page.format(**groups))
     return words[1:], [
         _option(*re.split(r"  |\n\s*", each.strip(), maxsplit=1)) for each in entries
     ]
+
+
+def _limits_of_hardness() -> str:
+    """Options of a page for the limit of each kind of hardness."""
+    from stochvi.statistics.hardness import HARDNESS
+
+    return "\n".join(
+        f"--{name.replace('_', '-')} {kind.argument}  Limit: {kind.help}."
+        for name, kind in HARDNESS.items()
+    )
 
 
 def _option(line: str, words: str) -> Callable[[Any], Any]:

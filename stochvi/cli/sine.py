@@ -16,6 +16,7 @@ from stochvi.cli.options import (
     judged_phase,
 )
 from stochvi.cli.program import FAILED, executor_at, stop
+from stochvi.statistics.hardness import HARDNESS
 
 
 @declare("methods.periodic:harmonic_response", "budget, json, out, quiet")
@@ -128,7 +129,7 @@ def _numbers_of(text: str) -> tuple[str, list[float]]:
 # ------------------------------------------------------------------------------
 
 
-SIZE, RISK = {"rate", "probability", "exceedance"}, {"mission", "impact_speed", "peak_acceleration"}
+SIZE, RISK = {"rate", "probability", "exceedance"}, {"mission", *HARDNESS}
 
 OPTIONS = {
     "simulate": {"rel_error", "paths", "duration", "dask", "budget"},
@@ -149,11 +150,13 @@ def _check_options(method: str, given: Mapping[str, Any], phases: bool) -> None:
         raise ValueError(f"{option} is for --method {' or '.join(methods)}{alone}")
     if method == "reliability" and "mission" not in given and not phases:
         raise ValueError("--method reliability needs --mission, as 3600 (s) or 10h")
-    limits = given.keys() & {"probability", "rate", "impact_speed", "peak_acceleration"}
+    targets = ("probability", "rate", *HARDNESS)
+    limits = given.keys() & {*targets}
     if method == "size" and len(limits) != 1:
+        *first, last = (f"--{name.replace('_', '-')}" for name in targets)
         raise ValueError(
-            "--method size needs exactly one of --probability, --rate, --impact-speed and "
-            f"--peak-acceleration, got {', '.join(sorted(limits)) or 'none'}"
+            f"--method size needs exactly one of {', '.join(first)} and {last}, got "
+            f"{', '.join(sorted(limits)) or 'none'}"
         )
 
 
@@ -174,8 +177,7 @@ def sweep(
         that is applied to each scene.
     --probability P (probability)  size: probability of any impact, 0.01 or 1%.
     --rate F (rate)  size: impacts on all stops, 2 (1/s), 0.1/h.
-    --impact-speed V (speed)  size, reliability: limit, m/s.
-    --peak-acceleration A[g] (acceleration)  size, reliability: limit, m/s^2 or g (40g).
+    {limits}
     --exceedance P (probability)  size: probability of exceeding the limit [0.01].
     --mission TIME (time)  size [1h], reliability: 3600 (s), 10h.
     --rel-error (float)  Relative standard error: of means [0.01], of the risk [0.05].

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from stochvi.engine.sub_steps import CONTACT_ANGLE
 from stochvi.isolators.jolt_response import hardest_contact
 from stochvi.isolators.screening import at_clearances
-from stochvi.isolators.sizing.answer import Target
-from stochvi.isolators.sizing.risk_curve import check_laws
 from stochvi.isolators.sizing.search import ACCEPTED
 from stochvi.isolators.tolerances import changed_stops
 from stochvi.mathematics.numerics import Matrix, Vector
@@ -37,6 +35,7 @@ from stochvi.statistics.clusters import FLOWN_SAMPLES, UNFINISHED, WINDOWS, Clus
 from stochvi.statistics.damage import SpectrumValues
 from stochvi.statistics.damage.equipment import GROUPS, exceedance
 from stochvi.statistics.damage.simulated import PAST_LARGEST
+from stochvi.statistics.hardness import PeakAcceleration
 
 # ------------------------------------------------------------------------------
 # The answer of `bumper_map`.
@@ -750,8 +749,9 @@ def _check(scene: Scene, mission: float, exceedance: float) -> None:
             "impact_pair.0.law.stiffness instead"
         )
         raise NotApplicable("bumper map", [*conditions[:-1], f"{conditions[-1]}; {why}"])
-    hardest = Target(name="peak_acceleration", value=1.0, unit="m/s^2", exceedance=exceedance)
-    check_laws(scene, hardest)
+    if not scene.impact_pairs:
+        raise NotApplicable("bumper map", ["the scene needs an impact_pair, for its law"])
+    PeakAcceleration().check(model_of(scene))
 
 
 __all__ = ["BumperMap", "bumper_map"]

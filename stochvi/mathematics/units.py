@@ -349,6 +349,7 @@ UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
     "frequency": {"Hz": 1.0, "kHz": 1e3},
     "speed": {"m/s": 1.0, "mm/s": 1e-3},
+    "energy": {"J": 1.0, "mJ": 1e-3},
 }
 """Quantity -> units in their usual spelling -> factor to SI units."""
 
@@ -414,6 +415,7 @@ DIMENSIONS = {
     "second": "time",
     "1 / second": "frequency",
     "meter / second": "speed",
+    "kilogram * meter ** 2 / second ** 2": "energy",
 }
 """Product of base units, as pint writes it -> quantity."""
 

@@ -482,6 +482,11 @@ class Model:
         return tuple(stop for pair in self.pairs for stop in pair.stops)
 
     @property
+    def masses_of_pairs(self) -> Vector:
+        """(pairs,): reduced masses, kg."""
+        return np.array([pair.mass for pair in self.pairs])
+
+    @property
     def rigid(self) -> bool:
         """Whether every stop is rigid, as where there is none."""
         return all(stop.rigid for stop in self.stops)

@@ -503,7 +503,7 @@ def signature_of(function: Callable[..., Any], **defaults: Any) -> inspect.Signa
     annotations = KINDS[kind].__annotations__  # with those of the kinds that it extends
     options = [
         inspect.Parameter(
-            name, inspect.Parameter.KEYWORD_ONLY, default=(DEFAULTS | defaults)[name],
+            name, inspect.Parameter.KEYWORD_ONLY, default=(DEFAULTS | defaults).get(name),
             annotation=getattr(each, "__forward_arg__", each),
         )
         for name, each in annotations.items()

@@ -20,12 +20,11 @@ from stochvi.mathematics.unsteady_noise import Crossings, Sines
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.choose_plan import GapResponse, shaken_by_tables, unmet
 from stochvi.methods.monte_carlo.kernels.crossings_and_cycles import motions_around
-from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import Model, model_of
 from stochvi.model.scales import scales_of_free_motion
-from stochvi.results.base import Response, is_speed
+from stochvi.results.base import Response
 from stochvi.results.deadline import Deadline, partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, jackknife_ratio, of_events, upper_limit_unseen
@@ -43,6 +42,7 @@ from stochvi.statistics.crossings import (
     PairMotion,
     own_distances,
 )
+from stochvi.statistics.hardness import NEEDS_FORCE, FromSpeed, hardness_of
 
 # ------------------------------------------------------------------------------
 # Clusters of impacts of a linear structure, simulated from first impacts of any of its pairs on.
@@ -429,7 +429,7 @@ class ClusterPaths:
                 break
             rows = int(log.count[0])
         sharpest, hardest, deepest = np.split(largest, [outputs, outputs + pairs], axis=1)
-        forces = hardest * [pair.mass for pair in self.model.pairs]  # kernels take accelerations
+        forces = hardest * self.model.masses_of_pairs  # kernels take accelerations
         return Followed(log.events[: log.count[0]].T, sums, sharpest, forces, deepest)
 
     def fastest(self, impacts: Matrix, paths: int) -> Matrix:
@@ -517,6 +517,8 @@ class Bursts:
     hits, speeds, fastest
         (pairs, clusters): impacts above the speed threshold, the sum of all impact speeds, and the
         largest one (m/s).
+    masses
+        (pairs,): reduced masses, kg.
     sharpest
         (outputs, clusters): largest absolute acceleration (m/s^2, or rad/s^2) while a stop is
         touched. Rigid impacts have none.
@@ -538,6 +540,7 @@ class Bursts:
     speeds: Matrix
     fastest: Matrix
     sharpest: Matrix
+    masses: Vector
 
     @property
     def paths(self) -> int:
@@ -578,13 +581,14 @@ class Bursts:
         return self._ratio(self.speeds[chosen].sum(axis=0), self.hits[chosen].sum(axis=0))
 
     def largest(self, name: str, outputs: Sequence[str] | None = None) -> Vector:
-        """(clusters,): the largest "impact_speed" of all pairs, or the largest "peak_acceleration"
-        of some outputs, by default of all."""
-        if is_speed(name):
-            return np.asarray(self.fastest.max(axis=0))
+        """(clusters,): how hard the hardest impact is by a kind of hardness, on any pair or in the
+        accelerations of some outputs, by default of all."""
+        kind = hardness_of(name)
+        if isinstance(kind, FromSpeed):
+            return kind.of_pairs(self.fastest, self.masses)
         rows = _rows("outputs", self.outputs if outputs is None else outputs, self.outputs)
         if not rows:
-            raise NotApplicable("peak_acceleration", [NEEDS_FORCE])
+            raise NotApplicable(name, [NEEDS_FORCE])
         return np.asarray(self.sharpest[rows].max(axis=0))
 
     def exceedance_rate(
@@ -770,6 +774,7 @@ def _join(clusters: ClusterPaths, parts: list[Part]) -> Bursts:
         speeds=speeds,
         fastest=fastest,
         sharpest=sharpest,
+        masses=clusters.model.masses_of_pairs,
     )
 
 

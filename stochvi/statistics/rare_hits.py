@@ -8,24 +8,18 @@ import time
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Unpack
+from typing import Unpack
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from stochvi.engine.arithmetic import COLUMNS, Log
-from stochvi.mathematics.numerics import Vector
+from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.methods.monte_carlo.choose_plan import with_tables
-from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.methods.monte_carlo.plan import bias_of_plain_step, bias_of_smooth_motion, lossiest
-from stochvi.model.coverage import free_motion
-from stochvi.model.modal import absolute_accelerations
-from stochvi.model.model import Model, Pair, model_of
-from stochvi.results.base import is_speed
-from stochvi.results.errors import NotApplicable
+from stochvi.model.model import Model, model_of
 from stochvi.results.estimates import (
     Estimate,
     binomial_interval,
@@ -35,9 +29,7 @@ from stochvi.results.estimates import (
 )
 from stochvi.sampling.calculations import AccuracyOptions, ListSampler
 from stochvi.sampling.run import Run, sampled
-from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
-from stochvi.scenes.structures.rigid_body import MOTIONS, RigidBody
 from stochvi.statistics.clusters import (
     UNFINISHED,
     WINDOW_RELAXATIONS,
@@ -48,6 +40,7 @@ from stochvi.statistics.clusters import (
     clusters_apart,
 )
 from stochvi.statistics.crossings import Draws, FirstCrossings, GapRecords, PairMotion
+from stochvi.statistics.hardness import FromSpeed, Limit, hardness_of
 from stochvi.statistics.trial_splitting import (
     PILOT,
     STREAM,
@@ -105,7 +98,7 @@ class ImpactTrials(Kind):
     paths
         Motion without stops, and what the stops make of it.
     event
-        What the score measures: "impact_speed" of any pair or "peak_acceleration".
+        Kind of hardness that the score measures.
     samples
         Length of a trial, in samples.
     trials
@@ -196,15 +189,17 @@ class ImpactTrials(Kind):
     def _score_of(self, motion: Vector, burn_in: int, counted: int, stride: int) -> Vector:
         """The scores of trials with such a motion without stops. Where no stop is hit, it is a
         negative number that rises with how close the motion comes to a stop."""
-        trials, sharp = motion.shape[2] // 2, not is_speed(self.event)
+        kind, trials = hardness_of(self.event), motion.shape[2] // 2
         found = self.paths.follow(
-            motion, accelerations=sharp, stride=stride, burn_in=burn_in, counted=counted
-        )
+            motion, accelerations=not isinstance(kind, FromSpeed), stride=stride,
+            burn_in=burn_in, counted=counted,
+        )  # fmt: skip
         score: Vector
-        if sharp:
-            score = found.accelerations[:, self.outputs].max(axis=1)
+        if isinstance(kind, FromSpeed):
+            speeds = self.paths.fastest(found.impacts, trials)
+            score = kind.of_pairs(speeds, self.paths.model.masses_of_pairs)
         else:
-            score = self.paths.fastest(found.impacts, trials).max(axis=0)
+            score = found.accelerations[:, self.outputs].max(axis=1)
         (missed,) = np.nonzero(score == 0.0)
         if len(missed):
             gaps = motion[:counted, :, 2 * missed].transpose(2, 0, 1)
@@ -356,9 +351,8 @@ def kinds_of(
     """
     model = model_of(scene)
     own = int(np.random.SeedSequence([seed, STREAM]).generate_state(1, np.uint64)[0] >> 1)
+    hardness_of(event).check(model)
     paths = ClusterPaths(model, own, HORIZONS)
-    if not is_speed(event) and not paths.outputs:
-        raise NotApplicable("peak_acceleration", [NEEDS_FORCE])
     records, modes = paths.records, paths.model.modal.size
     chosen = paths.outputs if outputs is None else outputs
     columns = tuple(paths.outputs.index(name) for name in chosen)
@@ -417,10 +411,9 @@ def rare_hits(
     confidence: float = 0.95,
     **options: Unpack[AccuracyOptions],
 ) -> RareHits:
-    """The probability that an impact of a mission exceeds an "impact_speed" (m/s) or a
-    "peak_acceleration" (m/s^2). The motion is the stationary one of a linear structure under any
-    Gaussian noise, and sines beside it; an acceleration is that of some `outputs`, by default of
-    all.
+    """The probability that an impact of a mission exceeds a limit, by the kind of hardness of this
+    name. The motion is the stationary one of a linear structure under any Gaussian noise, and sines
+    beside it; an acceleration is that of some `outputs`, by default of all.
 
     It ends once the probability is known to `rel_error`, or at the end of the budget with the
     accuracy reached by then.
@@ -467,24 +460,6 @@ LOGGED = 2**16
 """Number of impacts for which the log of a block of windows has room at first."""
 
 
-class Limit(NamedTuple):
-    """The limit that an impact must not exceed.
-
-    Parameters
-    ----------
-    event
-        "impact_speed" (m/s) of any pair, or "peak_acceleration" (m/s^2) of any of the outputs.
-    value
-        The limit.
-    outputs
-        Coordinates and points whose acceleration counts; empty for a speed.
-    """
-
-    event: str
-    value: float
-    outputs: tuple[str, ...] = ()
-
-
 @dataclass(frozen=True, kw_only=True)
 class Exceedance:
     """The probability that a limit is exceeded in a mission, with the interval from so many trials.
@@ -506,36 +481,6 @@ class Exceedance:
     way: str
     trials: int
     degrees: int
-
-
-def outputs_of(scene: Scene, at: str | None) -> tuple[str, ...]:
-    """Names of the coordinates and points whose acceleration `at` asks after; by default of all
-    that are lengths.
-
-    Raises `ValueError` for a name that the scene does not have, and `NotApplicable` where no
-    absolute acceleration is known.
-    """
-    model = model_of(scene)
-    if not model.base_alone_moves:
-        raise NotApplicable(
-            "peak_acceleration",
-            ["the base alone must move (an excitation of the base, on a structure with a base): "
-             "where noise acts on a mass, the acceleration has no largest value"],
-        )  # fmt: skip
-    if at is None:
-        turning = tuple(MOTIONS)[3:] if isinstance(scene.structure, RigidBody) else ()
-        return tuple(name for name in model.outputs if name not in turning)
-    found = tuple(name for name in model.outputs if at in (name, name.rpartition(".")[0]))
-    if not found:
-        raise ValueError(f"at must be one of {', '.join(model.outputs)}, got {at!r}")
-    return found
-
-
-def check_forces(model: Model) -> None:
-    """NotApplicable where a stop has no force, so that its impacts have no acceleration."""
-    rigid = [pair.name for pair in model.pairs if any(stop.rigid for stop in pair.stops)]
-    if rigid:
-        raise NotApplicable("peak_acceleration", [f"{NEEDS_FORCE} (stops of {', '.join(rigid)})"])
 
 
 def exceedance(
@@ -571,52 +516,15 @@ def overlap_of(crossings: FirstCrossings) -> float:
     return crossings.first_rate()[0].value * WINDOWS * crossings.horizon
 
 
-def without_stops(model: Model, limit: Limit, mission: float) -> float:
-    """Probability, at least, that the motion without stops alone exceeds the limit of an
-    acceleration in a mission: by crossings of its noise at the slowest natural frequency (Rice)."""
-    rows = model.output_rows[[model.outputs.index(name) for name in limit.outputs]]
-    squares = absolute_accelerations(model.modal, free_motion(model.without_sines()).law, rows)
-    slowest = math.sqrt(float(np.min(model.modal.squares))) / (2.0 * math.pi)
-    levels = 0.5 * limit.value**2 / np.maximum(squares, np.finfo(float).tiny)
-    return -math.expm1(-2.0 * slowest * mission * math.exp(-float(levels.min())))
-
-
 def widening_of(model: Model, limit: Limit) -> float:
     """Factor on the speeds of the first impacts that are drawn, so that some impacts exceed a
     limit."""
-    motion = PairMotion(model)
-    speeds = motion.velocity_std
-    if is_speed(limit.event):
-        ratio = limit.value / float(speeds.max())
-    else:
-        rows = model.output_rows[[model.outputs.index(name) for name in limit.outputs]]
-        ratio = min(
-            _speed_to_reach(model, pair, rows, limit.value) / speed
-            for pair, speed in zip(model.pairs, speeds, strict=True)
-            if speed > 0.0
-        )
-    return min(max(ratio / TYPICAL_SPEED, 1.0), WIDEST)
-
-
-def _speed_to_reach(model: Model, pair: Pair, rows: Vector, acceleration: float) -> float:
-    """Speed of an impact on one pair (m/s) whose peak force alone gives any of the outputs an
-    acceleration; infinite where the pair pushes none of them."""
-    pushed = float(np.max(np.abs(rows @ np.linalg.solve(model.mass, pair.direction))))
-    if not pushed:
-        return math.inf
-    force = acceleration / pushed
-    found = []
-    for stop in pair.stops:
-        law = stop.law
-        assert isinstance(law, CompliantLaw)
-
-        def missing(logarithm: float, law: CompliantLaw = law) -> float:
-            return law.impact(math.exp(logarithm), pair.mass).peak_force - force
-
-        low, high = math.log(1e-9), math.log(1e6)
-        reached = missing(low) < 0.0 < missing(high)
-        found.append(math.exp(scipy.optimize.brentq(missing, low, high)) if reached else 1e6)
-    return min(found)
+    ratio = min(
+        limit.kind.speed_of(model, pair, limit) / speed
+        for pair, speed in zip(model.pairs, PairMotion(model).velocity_std, strict=True)
+        if speed > 0.0
+    )
+    return float(min(max(ratio / TYPICAL_SPEED, 1.0), WIDEST))
 
 
 # Windows of the whole motion ---------------------------------------------------------------
@@ -626,8 +534,8 @@ def _speed_to_reach(model: Model, pair: Pair, rows: Vector, acceleration: float)
 class WindowSampler(ListSampler):
     """Windows of the motion with stops, each a path of its own of `plan`.
 
-    A sample are arrays (parts, names, windows): the largest "impact_speed" (m/s), or
-    "peak_acceleration" of each of the outputs, in each of these `parts` of a window from its start.
+    A sample are arrays (parts, names, windows): how hard the hardest impact is, by accelerations
+    that of each of the outputs, in each of these `parts` of a window from its start.
     """
 
     plan: ModalTablesPlan
@@ -656,12 +564,14 @@ class WindowSampler(ListSampler):
 
     def simulate(self, first_path: int, paths: int) -> Vector:
         """The largest of some windows."""
-        if is_speed(self.event):
+        kind = hardness_of(self.event)
+        if isinstance(kind, FromSpeed):
             found = np.zeros((len(self.parts), 1, paths))
-            path, time, speed = self._impacts(first_path, paths)
+            path, pair, time, speed = self._impacts(first_path, paths)
+            hardness = kind.at(np.abs(speed), self.plan.model.masses_of_pairs[pair.astype(int)])
             for part, largest in zip(self.parts, found, strict=True):
                 early = time <= part * self.window
-                np.maximum.at(largest[0], path[early], speed[early])
+                np.maximum.at(largest[0], path[early].astype(int), hardness[early])
             return found
         names = self.plan.model.outputs
         rows = [names.index(name) for name in self.outputs]
@@ -671,7 +581,8 @@ class WindowSampler(ListSampler):
             plan.averages(self.seed, first_path, paths, accelerations=largest)
         return found[:, :, rows].swapaxes(1, 2)
 
-    def _impacts(self, first: int, paths: int) -> tuple[NDArray[np.int64], Vector, Vector]:
+    def _impacts(self, first: int, paths: int) -> Matrix:
+        """Path, pair, time and signed speed (4, impacts) of all impacts."""
         rows = LOGGED
         while True:
             log = Log(np.zeros((rows, COLUMNS)), np.zeros(1, np.int64), 0.0)
@@ -679,8 +590,7 @@ class WindowSampler(ListSampler):
             if log.count[0] <= rows:
                 break
             rows = int(log.count[0])
-        path, _, time, speed = log.events[: log.count[0]].T
-        return path.astype(np.int64), time, np.abs(speed)
+        return log.events[: log.count[0]].T
 
 
 @sampled(rel_error=0.05)

@@ -33,6 +33,7 @@ from stochvi.results.estimates import (
     plus_minus,
 )
 from stochvi.scenes.keys import KEY_UNITS
+from stochvi.statistics.hardness import HARDNESS
 from stochvi.views.axes import Chart, Scale, panels
 from stochvi.views.files import try_picture, write_bytes, write_table
 from stochvi.views.pages import Grid, Section, Told
@@ -60,8 +61,7 @@ OF_ANSWERS = {
     "expected_hits": Stated("expected impacts", "1"),
     "hit": Stated("probability of any impact", "1"),
     "passage": Stated("probability of a passage", "1"),
-    "impact_speed": Stated("probability of too fast an impact", "1"),
-    "peak_acceleration": Stated("probability of too sharp an impact", "1"),
+    **{name: Stated(f"probability of {kind.too}", "1") for name, kind in HARDNESS.items()},
     "displacement_max": Stated("largest x", "m"), "displacement_min": Stated("smallest x", "m"),
     "acceleration_max": Stated("peak acceleration", "m/s^2"), "hits": Stated("impacts", ""),
     "impact_speed_max": Stated("largest impact speed", "m/s"),

@@ -22,8 +22,9 @@ from stochvi.mathematics.units import (
     power_ratio,
     spoken_mission,
 )
-from stochvi.results.base import DataFrame, is_speed
+from stochvi.results.base import DataFrame
 from stochvi.results.estimates import GAUSSIAN_95, count_of, spoken_percent
+from stochvi.statistics.hardness import hardness_of
 from stochvi.views.axes import (
     CLEARANCES,
     COLOURS,
@@ -399,7 +400,7 @@ def plot_exceedances(review: Review, ax: Axes | None = None) -> Axes:
     each line bears its limit."""
     table = review.exceedances
     assert table is not None
-    quantity = SPEED if is_speed(table["event"].iloc[0]) else ACCELERATION
+    quantity = hardness_of(table["event"].iloc[0]).quantity
     risk = Scale(f"probability in {spoken_mission(review.sizing.mission)}", log=True)
     chart = Chart.on(ax, Scale(PER_SIDE, LENGTH), risk, PAGE)
     marked = table[table["mark"]].sort_values("clearance")

@@ -40,6 +40,7 @@ from stochvi.results.estimates import (
     plus_minus,
     spoken_percent,
 )
+from stochvi.statistics.hardness import hardness_of
 from stochvi.views.axes import (
     CLEARANCES,
     COLOURS,
@@ -611,7 +612,7 @@ def reliability_told(found: Reliability) -> Told:
     if len(found.pairs) > 1:
         share = max((each.share_of_first_hits, name) for name, each in found.pairs.items())
         lines.append(f"first impacts: {spoken_percent(share[0])} of them on {share[1]}")
-    limit = found.chances["peak_acceleration"].limit if found.outputs else None
+    placed = [each.words for each in chances if each.limit and hardness_of(each.event).has_place]
 
     def of_phase(name: str, phase: Reliability) -> dict[str, object]:
         known = {each.words: each.likely for each in phase.chances.values()}
@@ -645,8 +646,7 @@ def reliability_told(found: Reliability) -> Told:
             alone=lambda _, risk: chance_of(risk.probability),
         ),
         Grid.of(
-            f"Where an acceleration above {ACCELERATION.text(limit or 0.0)} occurs while a stop is "
-            "touched",
+            f"Where {placed[-1] if placed else 'nothing'} occurs while a stop is touched",
             found.outputs.items(),
             "coordinate or point = name; probability = risk",
             risk=lambda _, risk: chance_of(risk),

@@ -49,7 +49,8 @@ from stochvi.scenes.phases import changed_mount
 from stochvi.scenes.scene import ImpactPair, scene_from
 from stochvi.statistics.clusters import bursts
 from stochvi.statistics.crossings import first_crossings
-from stochvi.statistics.rare_hits import Limit, exceedance
+from stochvi.statistics.hardness import Limit
+from stochvi.statistics.rare_hits import exceedance
 from stochvi.testing import assert_agrees
 from stochvi.views.isolator_tables import pairs_grids
 from stochvi.views.report.sections import (

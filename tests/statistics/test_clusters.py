@@ -35,8 +35,7 @@ from stochvi.engine.arithmetic import (
 from stochvi.isolators.sizing.answer import Target
 from stochvi.isolators.sizing.risk_curve import (
     exceedances,
-    limit_of_pairs,
-    widening,
+    limit_of_target,
     window_sampler,
 )
 from stochvi.mathematics.impact_rates import rice_rate
@@ -60,11 +59,10 @@ from stochvi.statistics.clusters import (
     widened,
 )
 from stochvi.statistics.crossings import PairMotion, first_crossings
+from stochvi.statistics.hardness import Limit, limits_of
 from stochvi.statistics.mission_parts import asked_in_parts
 from stochvi.statistics.rare_hits import (
-    Limit,
     exceedance,
-    outputs_of,
     rare_hits,
     widening_of,
     windows,
@@ -405,8 +403,8 @@ def test_an_event_that_is_not_known_is_refused_and_not_taken_for_another(event: 
         lambda: exceedances(scene, [4.0], 10.0, event=event),
         lambda: widening_of(model_of(scene), Limit(event, 1.0)),
         lambda: sampler.simulate(0, 2),
-        lambda: limit_of_pairs(scene, target, None),
-        lambda: widening(scene, target, 1.0, 4.0),
+        lambda: limit_of_target(scene, target, None),
+        lambda: limits_of(scene, {event: 1.0}, None),
     ]
     for ask in asked:
         with pytest.raises(ValueError, match="event must be 'impact_speed' or 'peak_accel"):
@@ -674,7 +672,7 @@ def test_fast_first_hits_drawn_more_often_change_no_expectation() -> None:
 @pytest.mark.verify
 def test_windows_of_the_whole_motion_and_bursts_say_the_same() -> None:
     scene = SCENES["rubber at one side"]()
-    limit = Limit("peak_acceleration", 45.0, outputs_of(scene, "z"))
+    (limit,) = limits_of(scene, {"peak_acceleration": 45.0}, "z")
     asked: dict[str, Any] = {"rel_error": 0.15, "seed": 6, "budget": None}
     with run_of(rel_error=0.15, seed=6) as run:
         by_bursts = exceedance(scene, limit, 60.0, 0.0, run)
@@ -749,12 +747,13 @@ def test_the_largest_acceleration_is_that_of_a_plain_integration() -> None:
 
 
 def test_what_has_no_acceleration_is_refused() -> None:
+    limit = {"peak_acceleration": 1.0}
     with pytest.raises(NotApplicable, match="the base alone must move"):
-        outputs_of(masses(), None)
+        limits_of(masses(), limit, None)
     scene = snubbed(4.0, RUBBER, 1)
-    assert outputs_of(scene, None) == ("x", "y", "z")
+    assert limits_of(scene, limit, None)[0].outputs == ("x", "y", "z")
     with pytest.raises(ValueError, match="at must be one of x, y, z, rx"):
-        outputs_of(scene, "display")
+        limits_of(scene, limit, "display")
 
 
 def test_stops_that_are_hit_all_the_time_have_no_bursts() -> None:
@@ -815,7 +814,7 @@ def test_a_speed_that_one_path_shows_has_no_error_and_is_not_given(
         first_rate=Estimate(value=1e-3, standard_error=1e-5), window=1.0, horizon=1.0,
         pairs=("near", "far"), outputs=("x", "z"), path=np.arange(8), weight=np.ones(8),
         early_hits=hits.sum(axis=0), hits=hits, speeds=0.5 * hits, fastest=0.5 * hits,
-        sharpest=np.zeros((2, 8)),
+        sharpest=np.zeros((2, 8)), masses=np.ones(2),
     )  # fmt: skip
     monkeypatch.setattr(clusters, "clusters_apart", lambda *_: found)
     scene = uncoupled(pair("near", "x", 3.0), pair("far", "z", 5.0))

@@ -45,7 +45,7 @@ from stochvi.statistics import rare_hits
 from stochvi.statistics.crossings import PairMotion, first_crossings
 from stochvi.statistics.damage.equipment import Equipment
 from stochvi.statistics.damage.simulated import DamageSampler, sampled_for
-from stochvi.statistics.rare_hits import Limit
+from stochvi.statistics.hardness import Limit
 from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases
 

@@ -34,6 +34,7 @@ from stochvi.scenes.structures.rigid_body import AXES, RigidBody
 from stochvi.scenes.validation import in_toml, moved
 from stochvi.statistics.crossings import own_distances
 from stochvi.statistics.damage import Damage
+from stochvi.statistics.hardness import hardness_of
 from stochvi.statistics.trial_splitting import without_peaks
 
 if TYPE_CHECKING:
@@ -255,8 +256,8 @@ class Target:
     Parameters
     ----------
     name
-        "probability" (of any impact in the mission), "rate" (impacts per second), "impact_speed" or
-        "peak_acceleration" (not exceeded in the mission but with the probability `exceedance`).
+        "probability" (of any impact in the mission), "rate" (impacts per second), or a kind of
+        hardness (not exceeded in the mission but with the probability `exceedance`).
     value, unit
         The limit, in SI units.
     exceedance
@@ -284,13 +285,9 @@ class Target:
     @property
     def event(self) -> str:
         """What the target limits, in words."""
-        kinds = {
-            "rate": "impacts",
-            "probability": "an impact",
-            "impact_speed": f"an impact faster than {self.limit}",
-            "peak_acceleration": f"a peak acceleration above {self.limit}",
-        }
-        return kinds[self.name]
+        if self.exceedance is not None:
+            return hardness_of(self.name).beyond(self.value)
+        return {"rate": "impacts", "probability": "an impact"}[self.name]
 
     def kept(self, mission: float) -> str:
         """The target in a mission (s) as it is kept, in words."""

@@ -32,13 +32,10 @@ from stochvi.isolators.sizing.risk_curve import (
     RiskCurve,
     chance_in_windows,
     chance_of_stops,
-    check_at,
-    check_laws,
     clearances_of_curve,
-    limit_of_pairs,
+    limit_of_target,
     place_of,
     slope_of,
-    widening,
 )
 from stochvi.isolators.sizing.search import (
     SEARCH,
@@ -53,7 +50,6 @@ from stochvi.isolators.tolerances import Tolerances, tolerance_table
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.model.coverage import modulated, unshaken
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import is_speed
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
@@ -69,7 +65,8 @@ from stochvi.statistics.crossings import (
     same_gaps,
     turn_between,
 )
-from stochvi.statistics.rare_hits import exceedance, without_stops
+from stochvi.statistics.hardness import Limit, check_place
+from stochvi.statistics.rare_hits import exceedance, widening_of
 
 # ------------------------------------------------------------------------------
 # The clearance of one pair, by the curve of risk of its gap.
@@ -112,6 +109,9 @@ def risk_curve(scene: Scene, target: Target, mission: float, run: Run) -> RiskCu
     return curve_of_gap(motion, target, mission, run, sides=sides)
 
 
+LEAST_OF_LIMIT = 0.1
+"""Smallest share of a limit that is taken for that of the stops, beside the spring."""
+
 SAME = 1e-6
 """Relative distance of two clearances below which they are one."""
 
@@ -150,7 +150,7 @@ class OneCurve(Family):
         self.job, self.scene, self.model = job, job.scene, model_of(job.scene)
         self.target, self.mission = job.target, job.mission
         if job.target.name != "probability":
-            check_laws(job.scene, job.target)
+            self.limit = limit_of_target(job.scene, job.target, None)
         job.stage(0.0, 0.1, "first crossings")
         share = 1.0 - SEARCH.share_of_hits if job.impacts else 1.0
         self.curve = risk_curve(job.scene, job.target, job.mission, job.part(share))
@@ -222,19 +222,15 @@ class OneCurve(Family):
 
     def check_free_motion(self, exceedance: float) -> None:
         """Raise `NotApplicable` if the spring of the mount alone exceeds the target."""
-        spring = self.model.omega**2
-        needed = self.curve.clearance(exceedance).value
-        if self.target.name != "peak_acceleration":
-            return
-        if self.target.value <= spring * needed:
+        assert self.limit is not None
+        alone = self.limit.kind.by_spring(self.model, self.curve.clearance(exceedance).value)
+        if self.limit.value <= alone:
+            name, unit = self.target.name, self.target.unit
             raise NotApplicable(
                 "size",
-                [
-                    f"peak_acceleration of {self.target.value:.4g} m/s^2 is exceeded without any "
-                    f"stop: the spring alone brings {spring * needed:.4g} m/s^2 with a "
-                    f"probability of {exceedance:g}"
-                ],
-            )
+                [f"{name} of {self.target.value:.4g} {unit} is exceeded without any stop: the "
+                 f"spring alone brings {alone:.4g} {unit} with a probability of {exceedance:g}"],
+            )  # fmt: skip
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -322,7 +318,7 @@ class OneCurve(Family):
             scene,
             far_from=self.job.accepted_rate,
             wanted=lambda some: some.exceedance_rate(name, limit),
-            widening=widening(scene, self.target, self.curve.motion.deviations[1], place),
+            widening=widening_of(model_of(scene), self._beside_the_spring(place)),
             **run.options(rel_error=run.rel_error),
         )
         if found.unfinished > UNFINISHED:
@@ -340,6 +336,12 @@ class OneCurve(Family):
             rate = limited  # few clusters do not show that the limit is kept
         self.job.exceeded[place] = chance_of(rate, self.mission)
         return rate
+
+    def _beside_the_spring(self, place: float) -> Limit:
+        """What the stops at a clearance bring of the limit."""
+        assert self.limit is not None
+        left = self.limit.value - self.limit.kind.by_spring(self.model, place)
+        return self.limit._replace(value=max(left, LEAST_OF_LIMIT * self.limit.value))
 
     def three_sigma(self) -> ThreeSigma:
         """Risk at three standard deviations, and simulated impacts."""
@@ -455,7 +457,7 @@ class SharedRisk(Family):
     def __init__(self, job: SizingJob) -> None:
         self.job, self.scene, self.model = job, job.scene, model_of(job.scene)
         self.target, self.mission = job.target, job.mission
-        self.limit = limit_of_pairs(job.scene, job.target, job.asked.at)
+        self.limit = limit_of_target(job.scene, job.target, job.asked.at)
         self.outputs = self.limit.outputs or None if self.limit else None
         self.pair = job.asked.pair
         job.warnings += same_gaps(self.model)
@@ -634,13 +636,13 @@ class SharedRisk(Family):
 
     def check_free_motion(self, exceedance: float) -> None:
         """Raise `NotApplicable` if springs and dampers alone exceed the limit of the target."""
-        if self.limit is None or is_speed(self.limit.event):
+        if self.limit is None:
             return
-        alone = without_stops(self.model, self.limit, self.mission)
+        alone = self.limit.kind.without_stops(self.model, self.limit, self.mission)
         if alone >= exceedance:
             raise NotApplicable(
                 "size",
-                [f"peak_acceleration of {self.target.limit} is exceeded without any stop, with a "
+                [f"{self.target.name} of {self.target.limit} is exceeded without any stop, with a "
                  f"probability of {alone:.3g} at least: make the mounts softer, or raise the "
                  "limit"],
             )  # fmt: skip
@@ -890,7 +892,7 @@ def nominal_sizing(scene: Scene, asked: Question) -> Sizing:
         model = model_of(scene)
         if conditions := modulated(model, with_branches=True):
             raise NotApplicable("size", conditions)
-        check_at(scene, asked.target, asked.at)
+        check_place(model, asked.at, [asked.target.name])
         alone = has_one_gap(model)
         # linear theory knows no stop
         felt = allowed.felt(scene, by_hits=alone and asked.target.name != "probability")

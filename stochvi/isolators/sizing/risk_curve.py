@@ -22,21 +22,12 @@ from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.methods.monte_carlo.choose_plan import shaken_by_tables
 from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.model.model import model_of
-from stochvi.results.base import (
-    IMPACT_SPEED,
-    PEAK_ACCELERATION,
-    UNIT_OF_LIMIT,
-    DataFrame,
-    frame_of,
-    is_speed,
-    unit_of_limit,
-)
+from stochvi.results.base import DataFrame, frame_of
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import GAUSSIAN_95, Estimate, binomial_interval
 from stochvi.sampling.calculations import RunOptions
 from stochvi.sampling.run import Run, sampled
-from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import LARGEST_NUMBER, Scene
 from stochvi.statistics.clusters import Bursts, bursts
 from stochvi.statistics.crossings import (
@@ -46,15 +37,9 @@ from stochvi.statistics.crossings import (
     largest_error,
     one_gap,
 )
+from stochvi.statistics.hardness import HARDNESS, ImpactSpeed, Limit, PeakAcceleration, hardness_of
 from stochvi.statistics.mission_parts import Hazard
-from stochvi.statistics.rare_hits import (
-    TYPICAL_SPEED,
-    WIDEST,
-    Limit,
-    WindowSampler,
-    check_forces,
-    outputs_of,
-)
+from stochvi.statistics.rare_hits import WindowSampler
 
 CERTAIN = 0.999
 """Largest probability of an impact that a target may have."""
@@ -334,19 +319,11 @@ class OutOfReach(ValueError):
 
 
 def target_of(
-    probability: float | None,
-    rate: float | None,
-    impact_speed: float | None,
-    peak_acceleration: float | None,
-    exceedance: float,
+    probability: float | None, rate: float | None, limits: Mapping[str, float], exceedance: float
 ) -> Target:
     """The target of a sizing; `ValueError` unless exactly one is given, in its range."""
-    known = {
-        "probability": (probability, "1"),
-        "rate": (rate, "1/s"),
-        IMPACT_SPEED: (impact_speed, unit_of_limit(IMPACT_SPEED)),
-        PEAK_ACCELERATION: (peak_acceleration, unit_of_limit(PEAK_ACCELERATION)),
-    }
+    known = {"probability": (probability, "1"), "rate": (rate, "1/s")}
+    known |= {name: (limits.get(name), kind.unit) for name, kind in HARDNESS.items()}
     given = [name for name, (value, _) in known.items() if value is not None]
     if len(given) != 1:
         raise ValueError(
@@ -361,73 +338,20 @@ def target_of(
         raise ValueError(f"{name} must be {span}, got {value:g}{percent}")
     if not 0.0 < exceedance < 1.0:
         raise ValueError(f"exceedance must be in (0, 1), got {exceedance:g}")
-    limited = name in UNIT_OF_LIMIT
+    limited = name in HARDNESS
     return Target(name=name, value=value, unit=unit, exceedance=exceedance if limited else None)
 
 
-def widening(scene: Scene, target: Target, velocity_std: float, clearance: float) -> float:
-    """Factor by which first impacts are drawn faster than usual, so that some exceed the limit."""
-    model = model_of(scene)
-    speed = target.value
-    if not is_speed(target.name):
-        left = max(target.value - model.omega**2 * clearance, 0.1 * target.value)
-        softest = next(
-            stop.law for stop in model.stops_per_unit_mass if isinstance(stop.law, CompliantLaw)
-        )
-        # forces are per unit mass here
-        low = 1e-9 * velocity_std
-        speed = float(
-            scipy.optimize.brentq(
-                lambda w: softest.impact(w, 1.0).peak_force - left, low, 1e6, xtol=low
-            )
-        )
-    return min(max(speed / (TYPICAL_SPEED * velocity_std), 1.0), WIDEST)
+def limit_of_target(scene: Scene, target: Target, at: str | None) -> Limit | None:
+    """The limit that impacts of the target must not exceed; None for a target that has none.
 
-
-def check_at(scene: Scene, target: Target, at: str | None) -> None:
-    """Raise `ValueError` where `at` belongs to another target, or names nothing of the scene."""
-    if at is None:
-        return
-    if target.name != PEAK_ACCELERATION:
-        raise ValueError(f"at = {at!r} belongs to peak_acceleration, which is not given")
-    names = model_of(scene).outputs
-    if not any(at in (name, name.rpartition(".")[0]) for name in names):
-        raise ValueError(f"at must be one of {', '.join(names)}, got {at!r}")
-
-
-def limit_of_pairs(scene: Scene, target: Target, at: str | None) -> Limit | None:
-    """The limit that impacts of several pairs must not exceed; None for a target that has none.
-
-    Raises `NotApplicable` for targets that cannot be sized where there are several coordinates or
-    pairs.
+    Raises `NotApplicable` where the scene has no pairs, or their laws do not determine the target.
     """
-    model = model_of(scene)
-    if not model.pairs:
-        raise NotApplicable(
-            "size", ["the scene needs an impact_pair for every gap that is to be sized"]
-        )
+    if not scene.impact_pairs:
+        raise NotApplicable("size", ["the scene needs an impact_pair, with its law, for every gap"])
     if target.exceedance is None:
         return None
-    if is_speed(target.name):
-        return Limit(target.name, target.value)
-    check_forces(model)
-    return Limit(target.name, target.value, outputs_of(scene, at))
-
-
-def check_laws(scene: Scene, target: Target) -> None:
-    """Raise `NotApplicable` where the laws of the stops do not determine the target."""
-    if not scene.impact_pairs:
-        raise NotApplicable("size", [f"{target.name} needs an impact_pair, for its law"])
-    rigid = [side for side, law in scene.impact_pairs[0].stops() if law.rigid]
-    if target.exceedance is not None and not is_speed(target.name) and rigid:
-        raise NotApplicable(
-            "size",
-            [
-                f"peak_acceleration needs the stiffness of the stops, and the {rigid[0]} stop has "
-                "only a restitution (law.kind = 'restitution'); give an elastic, viscoelastic, "
-                "hertz or table law"
-            ],
-        )
+    return hardness_of(target.name).limit(scene, target.value, at)
 
 
 # ------------------------------------------------------------------------------
@@ -468,7 +392,7 @@ def event_of(scene: Scene) -> str:
     """The quantity by which the hardest impact is judged: its peak acceleration or, where a stop is
     rigid and has no stiffness, its speed."""
     rigid = any(stop.rigid for stop in model_of(scene).stops)
-    return IMPACT_SPEED if rigid else PEAK_ACCELERATION
+    return (ImpactSpeed if rigid else PeakAcceleration).name
 
 
 @sampled
@@ -509,7 +433,7 @@ def exceedances(
         is left.
     """
     event, run = event or event_of(scene), Run.of(options)
-    unit_of_limit(event)  # refuses others before any work
+    hardness_of(event)  # refuses others before any work
     seen: list[TrialExtremes] = []
     for number, clearance in enumerate(clearances):
         stopped = at_clearances(scene, clearance)

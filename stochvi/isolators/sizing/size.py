@@ -52,10 +52,12 @@ from stochvi.scenes.scene import Scene
 from stochvi.scenes.validation import varied
 from stochvi.statistics.crossings import FirstCrossings, PairMotion, largest_error, one_gap
 from stochvi.statistics.damage import Damage, damage
+from stochvi.statistics.hardness import limits_in
 from stochvi.statistics.mission_parts import INDEPENDENT, Hazard, joined, parts_of_mission
 from stochvi.statistics.reliability.missions import (
     FOLLOWED,
     NEGLIGIBLE,
+    RiskOptions,
     felt_by,
     lag_of,
     spoken_lags,
@@ -933,8 +935,6 @@ def size(
     *,
     probability: float | None = None,
     rate: float | None = None,
-    impact_speed: float | None = None,
-    peak_acceleration: float | None = None,
     exceedance: float = ACCEPTED,
     at: str | None = None,
     pair: str | None = None,
@@ -942,7 +942,7 @@ def size(
     tolerances: Tolerances | None = None,
     spreads: Mapping[str, Spread] | None = None,
     mission: float | None = None,
-    **options: Unpack[AccuracyOptions],
+    **options: Unpack[RiskOptions],
 ) -> Sizing | MissionSizing:
     """The clearance per side that an isolator, or each of several pairs, needs for one target.
 
@@ -958,10 +958,6 @@ def size(
         Probability of any impact in the mission. Needs no stops.
     rate
         Impacts per second on both stops.
-    impact_speed, peak_acceleration
-        The largest of all impacts of the mission (m/s; m/s^2, of the mass, absolute), which is to
-        be exceeded with the probability `exceedance` alone. An acceleration needs stops with a
-        stiffness.
     exceedance
         Accepted probability that the hardest impact of a mission exceeds the limit.
     at
@@ -984,9 +980,10 @@ def size(
         Seconds of exposure, from a stationary start, by default an hour; left out where the scene
         has phases, which are sized for a probability.
     **options
-        `AccuracyOptions`: `rel_error` is that of the risk (probability, rate) at the clearance, by
-        default 0.05. Where the `budget` ends first, the interval of a probability or of a rate is
-        wider, and a warning says so.
+        `RiskOptions`: a limit of the hardest impact of the mission as the target, which is to be
+        exceeded with the probability `exceedance` alone; `rel_error` is that of the risk
+        (probability, rate) at the clearance, by default 0.05. Where the `budget` ends first, the
+        interval of a probability or of a rate is wider, and a warning says so.
 
     Returns
     -------
@@ -1020,7 +1017,7 @@ def size(
     >>> round(sizing.clearance.value / sizing.sigma, 1)
     5.6
     """
-    target = target_of(probability, rate, impact_speed, peak_acceleration, exceedance)
+    target = target_of(probability, rate, limits_in(options), exceedance)
     run = Run.of(options)
     if not scene.phases and is_not_gaussian(scene):
         whole = Phase(name=MISSION, duration=HOUR if mission is None else mission)

@@ -46,7 +46,8 @@ from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.clusters import ImpactCounts, count_impacts
 from stochvi.statistics.crossings import first_crossings, own_distances
-from stochvi.statistics.rare_hits import Limit, Windows, overlap_of, rare_hits
+from stochvi.statistics.hardness import Limit
+from stochvi.statistics.rare_hits import Windows, overlap_of, rare_hits
 from stochvi.statistics.rare_hits import exceedance as exceedance_of_pairs
 from stochvi.statistics.reliability.missions import Chance, GapRisk, PairRisk
 from stochvi.statistics.trial_splitting import Question, RareHits, windows_of

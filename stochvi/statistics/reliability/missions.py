@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from stochvi.mathematics.numerics import Vector
-from stochvi.mathematics.units import readable, spoken_mission
+from stochvi.mathematics.units import spoken_mission
 from stochvi.mathematics.unsteady_noise import RandomLevel
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import Model, model_of
@@ -24,7 +24,6 @@ from stochvi.results.base import (
     frame_of,
     in_three_columns,
     stated,
-    unit_of_limit,
 )
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import (
@@ -39,9 +38,11 @@ from stochvi.results.estimates import (
     spoken_percent,
     total,
 )
+from stochvi.sampling.calculations import KINDS, AccuracyOptions
 from stochvi.sampling.run import Run
 from stochvi.scenes.phases import Phase, steps_of_bands
 from stochvi.scenes.scene import Scene
+from stochvi.statistics.hardness import HardestImpact, hardness_of
 from stochvi.statistics.mission_parts import (
     CERTAIN,
     Hazard,
@@ -58,6 +59,13 @@ from stochvi.statistics.mission_parts import (
 # ------------------------------------------------------------------------------
 
 
+class RiskOptions(HardestImpact, AccuracyOptions, total=False):
+    """Limits of the hardest impact (`HardestImpact`), and `AccuracyOptions`."""
+
+
+KINDS[RiskOptions.__name__] = RiskOptions
+
+
 @dataclass(frozen=True, kw_only=True)
 class Chance:
     """The probability of one event in a mission.
@@ -65,10 +73,9 @@ class Chance:
     Parameters
     ----------
     event
-        "hit", "passage", "impact_speed" or "peak_acceleration".
+        "hit", "passage", or a kind of hardness, as "impact_speed" or "peak_acceleration".
     limit
-        Value above which an impact speed (m/s) or an acceleration (m/s^2) is the event; None for
-        the other events.
+        Value, SI, above which an impact is as hard as that; None for "hit" and "passage".
     estimate
         P of the event in one mission.
     lower, upper, rule
@@ -122,7 +129,7 @@ class Chance:
         """The event with its limit."""
         if self.limit is None:
             return EVENTS[self.event]
-        return f"{EVENTS[self.event]} {readable(unit_of_limit(self.event)).text(self.limit)}"
+        return hardness_of(self.event).beyond(self.limit)
 
     @property
     def likely(self) -> str:
@@ -142,11 +149,8 @@ class Chance:
         return f"{' to '.join(dict.fromkeys(ends))}, {level}"
 
 
-EVENTS = {
-    "hit": "an impact", "passage": "a passage of the barrier",
-    "impact_speed": "an impact faster than", "peak_acceleration": "a peak acceleration above",
-}  # fmt: skip
-"""Events of a mission in words."""
+EVENTS = {"hit": "an impact", "passage": "a passage of the barrier"}
+"""Events of a mission that have no limit, in words."""
 
 SURELY = 0.9
 """Lower end of an interval that reaches to 1, from which on "over" and that end are told; where it

@@ -24,21 +24,24 @@ from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.methods.monte_carlo.missions import (
     MissionPlan,
     Start,
-    acceleration_plan,
     impact_plan,
     passage_plan,
     settling_time,
 )
 from stochvi.model.coverage import beyond_one_oscillator, free_motion, not_gaussian, without_noise
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import is_speed
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import TOO_FEW, provenance
-from stochvi.sampling.calculations import AccuracyOptions, calculation
+from stochvi.sampling.calculations import calculation
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossings import ShocksMeet, same_gaps
-from stochvi.statistics.rare_hits import Limit, check_forces, outputs_of, without_stops
+from stochvi.statistics.hardness import (
+    Limit,
+    hardness_of,
+    limits_in,
+    limits_of,
+)
 from stochvi.statistics.reliability.choice import (
     FIRST_CROSSINGS,
     MISSED,
@@ -57,7 +60,13 @@ from stochvi.statistics.reliability.choice import (
     hits_of_pairs,
 )
 from stochvi.statistics.reliability.gaps import FIRST, MANY, among, at_once
-from stochvi.statistics.reliability.missions import Chance, Reliability, of_phases, of_random_level
+from stochvi.statistics.reliability.missions import (
+    Chance,
+    Reliability,
+    RiskOptions,
+    of_phases,
+    of_random_level,
+)
 from stochvi.statistics.trial_splitting import has_fast_peaks
 
 FIRST_HITS = 0.4
@@ -78,14 +87,12 @@ def reliability(
     *,
     mission: float | None = None,
     barrier: float | Ends | None = None,
-    impact_speed: float | None = None,
-    peak_acceleration: float | None = None,
     at: str | None = None,
     pair: str | None = None,
     start: Start = "stationary",
     way: Way | None = None,
     confidence: float = 0.95,
-    **options: Unpack[AccuracyOptions],
+    **options: Unpack[RiskOptions],
 ) -> Reliability:
     """Probability of any impact, of one too fast or too sharp, and expected impacts, in a mission.
 
@@ -102,9 +109,6 @@ def reliability(
     barrier
         For scenes without stops: B of abs(x) < B, or (lower, upper), one of which may be None, m
         from the position of the unloaded spring.
-    impact_speed, peak_acceleration
-        Limits for the incident speed of any impact (m/s) and for the absolute acceleration in any
-        contact (m/s^2), of compliant stops.
     at
         The coordinate, or the named point, whose acceleration is limited; by default every
         coordinate that is a length, not an angle. It counts while any stop is touched.
@@ -120,9 +124,9 @@ def reliability(
     confidence
         Confidence level of intervals.
     **options
-        `AccuracyOptions`: `rel_error` is that of each probability and of the expected impacts, by
-        default 0.05; `budget` is for all of them together, and the answer that an error carries
-        names what is missing.
+        `RiskOptions`: limits of the hardest impact; `rel_error` is that of each probability and of
+        the expected impacts, by default 0.05; `budget` is for all of them together, and the answer
+        that an error carries names what is missing.
 
     Returns
     -------
@@ -155,7 +159,7 @@ def reliability(
     >>> chance.way, abs(chance.estimate.value - 7.29e-7) < 4.5 * chance.estimate.standard_error
     ('splitting', True)
     """
-    run = Run.of(options)
+    run, limits = Run.of(options), limits_in(options)
     if scene.phases:
         if mission is not None:
             whole = sum(phase.duration for phase in scene.phases)
@@ -166,9 +170,8 @@ def reliability(
 
         def of_phase(phase: Scene, duration: float, part: Run) -> Reliability:
             return reliability(
-                phase, mission=duration, barrier=barrier, impact_speed=impact_speed,
-                peak_acceleration=peak_acceleration, at=at, pair=pair, start=start, way=way,
-                confidence=confidence, **part.options(rel_error=run.rel_error),
+                phase, mission=duration, barrier=barrier, at=at, pair=pair, start=start, way=way,
+                confidence=confidence, **limits, **part.options(rel_error=run.rel_error),
             )  # fmt: skip
 
         return of_phases(scene, of_phase, run)
@@ -177,12 +180,11 @@ def reliability(
             "mission must be given where the scene has no phases, got none; an hour is 3600 in "
             "Python, --mission 1h on the command line"
         )
-    _check(mission, impact_speed, peak_acceleration, start, way, run.accuracy, confidence)
+    _check(mission, limits, start, way, run.accuracy, confidence)
     jobs = Jobs(run=run, confidence=confidence, deadline=run.deadline)
     model = model_of(scene)
     check_pair(model, pair)
-    others = {"barrier": barrier, "impact_speed": impact_speed,
-              "peak_acceleration": peak_acceleration}  # fmt: skip
+    others = {"barrier": barrier, **limits}
     if model.level is not None:
         return _at_varying_level(
             scene, mission, others, pair, run, confidence=confidence, start=start
@@ -193,7 +195,7 @@ def reliability(
         _check_any_impact(drive, scene, others, start)
     if peaked or model.drawn or not model.single:
         _check_several(model, barrier, start, way)
-        hardest = _limits_of_pairs(scene, impact_speed, peak_acceleration, at)
+        hardest = limits_of(scene, limits, at)
         found = (
             _under_peaks(scene, pair, mission, jobs)
             if peaked
@@ -209,8 +211,8 @@ def reliability(
         raise ValueError(
             f"start = 'rest' is out of reach: {outside}; move them, or take start = 'stationary'"
         )
-    given = {"impact_speed": impact_speed, "peak_acceleration": peak_acceleration}
-    limits = {name: limit for name, limit in given.items() if limit is not None}
+    for name in limits:
+        hardness_of(name).check(model)
     if coloured:
         found = by_conditioning(scene, ends, limits, mission, jobs)
     else:
@@ -218,7 +220,7 @@ def reliability(
     found.warnings += [
         *([f"{outside}: nearly every mission ends as it starts"] if outside else []),
         *_beyond_at_the_start(scene, model, ends, start, coloured, found.chances),
-        *_by_the_spring(model, ends, peak_acceleration),
+        *_by_the_spring(model, ends, limits),
     ]
     return _answered(scene, mission, start, found, jobs)
 
@@ -309,20 +311,6 @@ def _check_several(model: Model, barrier: float | Ends | None, start: str, way: 
         raise NotApplicable("reliability", unmet)
 
 
-def _limits_of_pairs(
-    scene: Scene, impact_speed: float | None, peak_acceleration: float | None, at: str | None
-) -> list[Limit]:
-    """The limits that are asked after, of several coordinates or pairs; raises for those that
-    nothing in the scene determines."""
-    found = [] if impact_speed is None else [Limit("impact_speed", impact_speed)]
-    if peak_acceleration is not None:
-        check_forces(model_of(scene))
-        found.append(Limit("peak_acceleration", peak_acceleration, outputs_of(scene, at)))
-    elif at is not None:
-        raise ValueError(f"at = {at!r} belongs to peak_acceleration, which is not given")
-    return found
-
-
 def _alone(pair: str | None) -> list[str]:
     """A sentence on the one pair that was asked after."""
     return [] if pair is None else [f"every number is that of {pair}, as if it alone had stops"]
@@ -396,10 +384,10 @@ def _simulated(
         found.chances[limit.event] = harder
         found.outputs |= by_output
     found.warnings += [
-        f"peak_acceleration of {limit.value:.4g} m/s^2 is exceeded without any stop, with a "
-        f"probability of {alone:.3g} at least; only contacts are counted here"
+        f"{limit.event} of {limit.value:.4g} {limit.kind.unit} is exceeded without any stop, with "
+        f"a probability of {alone:.3g} at least; only contacts are counted here"
         for limit in limits
-        if not is_speed(limit.event) and (alone := without_stops(model, limit, mission)) >= AS_MUCH
+        if (alone := limit.kind.without_stops(model, limit, mission)) >= AS_MUCH
     ]
     return found
 
@@ -431,11 +419,8 @@ def _sampled(
         plans[name] = passage_plan(model, *ends, mission, start)
     else:
         found.chances[name] = first
-    if "impact_speed" in limits:
-        plans["impact_speed"] = impact_plan(model, mission, start, limits["impact_speed"])
-    if "peak_acceleration" in limits:
-        sharpest = limits["peak_acceleration"]
-        plans["peak_acceleration"] = acceleration_plan(model, mission, start, sharpest)
+    for event, limit in limits.items():
+        plans[event] = hardness_of(event).missions(model, mission, start, limit)
     if model.stops:
         # impacts of a stationary motion are proportional to its duration: a duration in which it
         # forgets its start suffices; it costs less than a long mission and shows more impacts than
@@ -477,16 +462,14 @@ def _without_energy(
 
 
 def _check(
-    mission: float, impact_speed: float | None, peak_acceleration: float | None, start: str,
-    way: str | None, rel_error: float, confidence: float,
+    mission: float, limits: Mapping[str, float], start: str, way: str | None, rel_error: float,
+    confidence: float,
 ) -> None:  # fmt: skip
     """Raise ValueError where an argument is out of range or contradicts another one."""
-    for name, value, unit in (
-        ("mission", mission, "seconds"),
-        ("impact_speed", impact_speed, "m/s"),
-        ("peak_acceleration", peak_acceleration, "m/s^2"),
-    ):
-        if value is not None and not 0.0 < value < math.inf:
+    asked = {"mission": (mission, "seconds")}
+    asked |= {name: (limit, hardness_of(name).unit) for name, limit in limits.items()}
+    for name, (value, unit) in asked.items():
+        if not 0.0 < value < math.inf:
             raise ValueError(f"{name} must be a positive number of {unit}, got {value}")
     if start not in ("rest", "stationary"):
         raise ValueError(f"start must be 'rest' or 'stationary', got {start!r}")
@@ -622,17 +605,14 @@ def _beyond_at_the_start(
     ]
 
 
-def _by_the_spring(model: Model, ends: Ends, limit: float | None) -> list[str]:
-    """A warning where the spring alone exceeds the limit of the acceleration, since only contacts
-    count."""
-    if limit is None:
-        return []
-    most = max(model.omega**2 * abs(end - model.rest) for end in ends if end is not None)
-    if most < limit:
-        return []
+def _by_the_spring(model: Model, ends: Ends, limits: Mapping[str, float]) -> list[str]:
+    """Warnings where the spring alone exceeds a limit, since only contacts count."""
+    farthest = max(abs(end - model.rest) for end in ends if end is not None)
     return [
-        f"peak_acceleration of {limit:.4g} m/s^2 is exceeded without any stop: the spring alone "
-        f"brings {most:.4g} m/s^2 at a stop; only contacts are counted here"
+        f"{name} of {limit:.4g} {kind.unit} is exceeded without any stop: the spring alone "
+        f"brings {most:.4g} {kind.unit} at a stop; only contacts are counted here"
+        for name, limit in limits.items()
+        if (kind := hardness_of(name)) and (most := kind.by_spring(model, farthest)) >= limit
     ]
 
 

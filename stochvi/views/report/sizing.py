@@ -19,9 +19,10 @@ from stochvi.mathematics.units import (
     Size,
     spoken_mission,
 )
-from stochvi.results.base import DataFrame, Response, is_speed, named_with_units, stacked
+from stochvi.results.base import DataFrame, Response, named_with_units, stacked
 from stochvi.results.estimates import count_of, spoken_percent
 from stochvi.results.files import Origin
+from stochvi.statistics.hardness import hardness_of
 from stochvi.views.axes import add_title
 from stochvi.views.files import try_picture, write_table
 from stochvi.views.isolator_tables import screening_section, sizing_told
@@ -214,8 +215,8 @@ def hard_hits_section(review: Review) -> Section:
     title, table = "Hard impacts", review.exceedances
     if table is None or not len(table):
         return Section(title=title)
-    peak = not is_speed(table["event"].iloc[0])
-    what, quantity = ("peak acceleration", ACCELERATION) if peak else ("impact speed", SPEED)
+    kind = hardness_of(table["event"].iloc[0])
+    what, quantity = kind.words, kind.quantity
     marked = table[table["mark"]].sort_values(["clearance", "limit"])
     cells = {
         (
