@@ -203,6 +203,46 @@ def test_every_name_of_a_room_resolves(room: str) -> None:
         assert getattr(package, name) is not None
 
 
+WITHOUT_ROOMS = """
+import sys
+
+class Missing:
+    def find_spec(self, name, *_):
+        if name.startswith(ROOMS):
+            raise ImportError(name)
+
+sys.meta_path.insert(0, Missing())
+import stochvi.cli
+
+for words in COMMANDS:
+    stochvi.cli.main(words.split(), standalone_mode=False)
+"""
+"""A program to which some rooms are missing."""
+
+
+def test_the_core_works_without_the_rooms_of_their_own(tmp_path: Path) -> None:
+    """Regimes under sines, absorbers, identification, and the judge of integrators."""
+    rooms = (
+        "stochvi.absorbers", "stochvi.identification", "stochvi.methods.periodic",
+        "stochvi.verification.testing", "stochvi.statistics.lifetimes",
+        "stochvi.isolators.jolt_response",
+    )  # fmt: skip
+
+    def done(*commands: str) -> subprocess.CompletedProcess[str]:
+        program = WITHOUT_ROOMS.replace("ROOMS", repr(rooms)).replace("COMMANDS", repr(commands))
+        return subprocess.run(
+            [sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path
+        )
+
+    found = done(
+        "new a.toml", "screen a.toml", "explain a.toml", "size a.toml --probability 1% --out out"
+    )
+    assert found.returncode == 0, found.stderr
+    assert "Make 11." in found.stdout
+    missing = done("sine a.toml --from 5 --to 6 --points 3")
+    assert missing.returncode != 0 and "ImportError" in missing.stderr
+
+
 def test_names_that_pages_name_resolve() -> None:
     pages = [CHECKOUT / "README.md", CHECKOUT / "CHANGELOG.md", *CHECKOUT.glob("docs/*/*.md")]
     text = "\n".join(page.read_text(encoding="utf-8") for page in pages)

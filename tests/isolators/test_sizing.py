@@ -38,7 +38,7 @@ from stochvi import (
     simulate,
 )
 from stochvi.isolators import MissionSizing
-from stochvi.isolators.jolt_response import contact_on_mount
+from stochvi.isolators.bumpers import contact_on_mount
 from stochvi.isolators.screening import at_clearances, frequencies, input_density, transmissibility
 from stochvi.isolators.sizing import pairs, search
 from stochvi.isolators.sizing.answer import probability_at, probability_of_stops

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from stochvi.isolators.jolt_response import hardest_contact
+from stochvi.isolators.bumpers import hardest_contact
 from stochvi.isolators.screening import (
     Environment,
     Screening,
