@@ -147,7 +147,7 @@ def test_commands_run_with_less_work(
         if program == "stochvi":
             done = stochvi(*shortened(arguments))
             # `cost` ends by the clock, which a busy machine may not leave it enough of
-            late = arguments[0] == "cost" and done.code == 1 and "raise budget" in done.err
+            late = arguments[0] == "cost" and done.code == 1 and "raise --budget" in done.err
             assert done.code == 0 or late, (arguments, done.err)
     assert files_are_there(tmp_path)
 
@@ -163,7 +163,7 @@ def test_commands_run_as_printed(tmp_path: Path) -> None:
                 command, capture_output=True, text=True, cwd=tmp_path, env=environment
             )
             # as above
-            late = command[1] == "cost" and done.returncode == 1 and "raise budget" in done.stderr
+            late = command[1] == "cost" and done.returncode == 1 and "raise --budget" in done.stderr
             assert done.returncode == 0 or late, (command, done.stderr)
     assert files_are_there(tmp_path)
 
