@@ -759,36 +759,44 @@ def _say_pilot(progress: Progress, done: float, sentence: str) -> None:
 def largest_bias(run: Simulation, errors: float) -> float:
     """Largest relative bias of a governed quantity, less so many of its standard errors."""
     biases = [0.0]
-    for key, quantity in governed(run.model).items():
+    for key, quantity, size in _with_sizes(run):
         # half the step would hardly improve the rates at inelastic stops: their bias is stated only
         if key[1] in RATES:
             continue
-        value, _ = run.fine.evaluate(quantity)
         change, change_error = run.difference(quantity)
-        size = _reference_size(run, key, value)
         bias = run.plan.step_bias(key[1], max(0.0, abs(change) - errors * change_error))
-        biases.append(bias / size if bias and size else 0.0)
+        biases.append(bias / size if bias else 0.0)
     return max(biases)
 
 
 def relative_standard_errors(run: Simulation) -> dict[Key, float]:
     """Relative standard errors of the governed quantities that are not zero."""
-    found = {}
-    for key, quantity in governed(run.model).items():
-        value, error = run.fine.evaluate(quantity)
-        size = _reference_size(run, key, value)
-        if size > 0.0:
-            found[key] = error / size
-    return found
+    return {key: run.fine.evaluate(quantity)[1] / size for key, quantity, size in _with_sizes(run)}
 
 
-def _reference_size(run: Simulation, key: Key, value: float) -> float:
-    """Size to which an error is relative: the quantity itself, or for a mean the standard
-    deviation."""
-    owner, name = key
-    if name == "displacement_mean":
-        return run.fine.evaluate(of_coordinate(owner)["displacement_std"])[0]
-    return abs(value)
+AT_REST = 1e-20
+"""A coordinate is at rest, but for rounding, where its mean kinetic energy is below this share of
+the largest of all coordinates."""
+
+
+def _with_sizes(run: Simulation) -> Iterator[tuple[Key, Quantity, float]]:
+    """Governed quantities, each with the size to which its error is relative: the quantity itself,
+    or for a mean the standard deviation. Those that are 0 are left out, and those of coordinates at
+    rest."""
+
+    def size_of(quantity: Quantity) -> float:
+        return abs(run.fine.evaluate(quantity)[0])
+
+    energies = {
+        name: mass * size_of(of_coordinate(name)["velocity_mean_square"])
+        for name, mass in zip(run.model.coordinates, np.diag(run.model.mass), strict=True)
+    }
+    least = AT_REST * max(energies.values())
+    for (owner, name), quantity in governed(run.model).items():
+        deviates = name == "displacement_mean"
+        size = size_of(of_coordinate(owner)["displacement_std"] if deviates else quantity)
+        if size > 0.0 and energies.get(owner, least) >= least:
+            yield (owner, name), quantity, size
 
 
 # ------------------------------------------------------------------------------
@@ -1320,11 +1328,10 @@ class PricedRounds:
         one path at both steps."""
         simulation, found = self.simulation, []
         pairs = simulation.pairs.count
-        for key, quantity in governed(simulation.model).items() if pairs > 1 else ():
-            size = _reference_size(simulation, key, simulation.fine.evaluate(quantity)[0])
+        for key, quantity, size in _with_sizes(simulation) if pairs > 1 else ():
             change, error = simulation.difference(quantity)
             bias, spread = (self.plan.step_bias(key[1], each) for each in (abs(change), error))
-            if key[1] not in RATES and size and bias is not None and spread is not None:
+            if key[1] not in RATES and bias is not None and spread is not None:
                 found.append((bias / size, spread / size * math.sqrt(pairs)))
         return found
 

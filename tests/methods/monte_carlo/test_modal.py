@@ -6,6 +6,7 @@ import gc
 import importlib.util
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numba
@@ -61,7 +62,7 @@ from stochvi.scenes import Beam, Modes
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Law
-from stochvi.scenes.structures import Matrices
+from stochvi.scenes.structures import Matrices, RigidBody
 from stochvi.testing import assert_agrees
 from support import CHECKOUT
 from support.accuracies import quick_cases
@@ -1073,6 +1074,39 @@ def test_steps_of_a_pressed_box_are_those_of_one_mass() -> None:
     """Cargo on a floor: the time between samples follows from what shakes it, whatever the load."""
     steps = [make_plan(model_of(pressed_pair(load))).step for load in (3.0, 18.0, 60.0, 300.0)]
     assert max(steps) == pytest.approx(min(steps), rel=0.1) and min(steps) > 1e-3
+
+
+def box_on_its_stop(sideways: float) -> Scene:
+    """A box that is shaken along z, and along x by so many times less."""
+    mounts = [
+        {"at": [x, y, -0.06], "stiffness": [2.2e4, 2.2e4, 3.4e4], "loss_factor": 0.3}
+        for x in (-0.2, 0.2)
+        for y in (-0.15, 0.15)
+    ]
+    pair = {"name": "stop", "at": [0.0, 0.0, -0.08], "direction": [0, 0, 1], "lower": -8e-4,
+            "law": Restitution(coefficient=0.4)}  # fmt: skip
+    return Scene(
+        structure=RigidBody(mass=12.0, inertia=[0.2, 0.25, 0.15], mount=mounts, gravity="-z"),  # type: ignore[arg-type]
+        impact_pair=[pair],  # type: ignore[call-arg]
+        excitations=[
+            TabulatedNoise(
+                axis=axis, frequency_hz=[5.0, 200.0], density=[density] * 2, unit="(m/s2)2/Hz"
+            )
+            for axis, density in (("z", 0.2), ("x", 0.2 * sideways**2))
+            if density
+        ],
+    )
+
+
+@pytest.mark.parametrize("sideways", [0.0, 1e-6])
+def test_no_accuracy_waits_for_a_coordinate_at_rest(sideways: float) -> None:
+    """Motion that is small is waited for, but not that of rounding, which took more paths."""
+    plan = make_plan(model_of(box_on_its_stop(sideways)), 0.01, 2.0)
+    found = PathStatistics.of(plan.averages(3, 0, 8), plan.layout)
+    run: Any = SimpleNamespace(fine=found, model=plan.model)
+    waited = {owner for owner, _ in simulation.relative_standard_errors(run)}
+    assert waited == {"z", "stop"} | ({"x", "ry"} if sideways else set())
+    assert found.means()["y", "vv"] > 0.0  # by rounding
 
 
 # ------------------------------------------------------------------------------
