@@ -1,4 +1,5 @@
-"""The tenth of `make verify` that was run longest ago: `python .ci/verify_tenth.py [--log]`.
+"""The tenth of `make verify` that was run longest ago, or what ends in some minutes of it:
+`python .ci/verify_tenth.py [--log] [--minutes 15]`.
 
 `tests/verify_log.csv` holds, for each long test, when it last passed, at which commit, and how
 many seconds it took. Tests that never passed come first, then the oldest; ties are drawn by the
@@ -12,10 +13,12 @@ import argparse
 import csv
 import datetime
 import hashlib
+import math
 import statistics
 import subprocess
 import sys
 import tempfile
+import time
 import xml.etree.ElementTree as ElementTree
 from collections import defaultdict
 from collections.abc import Iterable
@@ -25,6 +28,8 @@ from typing import NamedTuple
 ROOT = Path(__file__).parents[1]
 LOG = ROOT / "tests" / "verify_log.csv"
 SHARE = 0.1
+TOGETHER = 4
+"""Number of tests that one process pool runs before the clock is looked at."""
 PYTEST = [sys.executable, "-m", "pytest", "-m", "verify"]
 
 
@@ -73,6 +78,10 @@ def tenth(tests: Iterable[str], log: dict[str, Passed], commit: str) -> list[str
     return chosen
 
 
+def batched(tests: list[str], number: int) -> list[list[str]]:
+    return [tests[first : first + number] for first in range(0, len(tests), number)]
+
+
 def printed(command: list[str]) -> str:
     return subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True).stdout
 
@@ -98,30 +107,36 @@ def seconds_of_passed(report: Path) -> dict[str, float]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--log", action="store_true", help="write what passed into the log")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="begin none after that")
     wanted = parser.parse_args()
     commit = printed(["git", "rev-parse", "--short=8", "HEAD"]).strip()
     log, tests = read(LOG), collected()
     chosen = tenth(tests, log, commit)
     never = sum(test not in log for test in tests)
     print(f"{len(chosen)} of {len(tests)} long tests; {never} never passed yet", flush=True)
-    with tempfile.TemporaryDirectory() as folder:
-        report = Path(folder) / "report.xml"
-        ended = subprocess.run(
-            [
-                *PYTEST, "-n", "auto", "--dist", "worksteal", "-o", "junit_family=xunit1",
-                f"--junitxml={report}", *chosen,
-            ],
-            cwd=ROOT,
-        )  # fmt: skip
-        today = datetime.date.today().isoformat()
-        for test, seconds in seconds_of_passed(report).items():
-            log[test] = Passed(test, today, commit, round(seconds, 1))
+    end, today, failed = time.monotonic() + 60.0 * wanted.minutes, datetime.date.today(), 0
+    for group in batched(chosen, TOGETHER):
+        if time.monotonic() > end:
+            print(f"{wanted.minutes:g} minutes are over: the rest is for another day", flush=True)
+            break
+        with tempfile.TemporaryDirectory() as folder:
+            report = Path(folder) / "report.xml"
+            ended = subprocess.run(
+                [
+                    *PYTEST, "-n", "auto", "--dist", "worksteal", "-o", "junit_family=xunit1",
+                    f"--junitxml={report}", *group,
+                ],
+                cwd=ROOT,
+            )  # fmt: skip
+            failed |= ended.returncode
+            for test, seconds in seconds_of_passed(report).items():
+                log[test] = Passed(test, today.isoformat(), commit, round(seconds, 1))
     if wanted.log:
         with LOG.open("w", encoding="utf-8", newline="") as lines:
             writer = csv.writer(lines, lineterminator="\n")
             writer.writerow(Passed._fields)
             writer.writerows(log[test] for test in tests if test in log)
-    return ended.returncode
+    return failed
 
 
 if __name__ == "__main__":
