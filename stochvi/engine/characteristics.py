@@ -297,10 +297,26 @@ class BoucWen(NamedTuple):
 
 
 @kernel
-def relative_slope(part, z, step):
-    """length dz/dx of a way in the direction of `step`."""
+def relative_slope(part, z, step, exponent):
+    """length dz/dx of a way in the direction of `step`; an `exponent` of None is 1, as a power
+    takes four fifths of the time."""
     side = part.beta if z * step > 0.0 else -part.beta
-    return 1.0 - (1.0 - part.beta + side) * abs(z) ** part.exponent
+    size = abs(z) if exponent is None else abs(z) ** exponent
+    return 1.0 - (1.0 - part.beta + side) * size
+
+
+@kernel
+def moved_along(part, z, way, exponent):
+    """The memory after a way, by steps of Runge and Kutta."""
+    count = math.ceil(abs(way) / (part.length * LONGEST_WAY))
+    for _ in range(count):
+        step = way / part.length / count
+        a = relative_slope(part, z, step, exponent)
+        b = relative_slope(part, z + 0.5 * step * a, step, exponent)
+        c = relative_slope(part, z + 0.5 * step * b, step, exponent)
+        d = relative_slope(part, z + step * c, step, exponent)
+        z += step * (a + 2.0 * b + 2.0 * c + d) / 6.0
+    return z
 
 
 @pull.of(BoucWen)
@@ -315,20 +331,14 @@ def _(part):
 
 @moved.of(BoucWen)
 def _(part, z, way):
-    count = math.ceil(abs(way) / (part.length * LONGEST_WAY))
-    for _ in range(count):
-        step = way / part.length / count
-        a = relative_slope(part, z, step)
-        b = relative_slope(part, z + 0.5 * step * a, step)
-        c = relative_slope(part, z + 0.5 * step * b, step)
-        d = relative_slope(part, z + step * c, step)
-        z += step * (a + 2.0 * b + 2.0 * c + d) / 6.0
-    return z
+    if part.exponent == 1.0:
+        return moved_along(part, z, way, None)
+    return moved_along(part, z, way, part.exponent)
 
 
 @slope.of(BoucWen)
 def _(part, z, way):
-    return relative_slope(part, z, way) / part.length
+    return relative_slope(part, z, way, part.exponent) / part.length
 
 
 @read_characteristic.of(BoucWen)

@@ -15,7 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Matrix, Vector, Waves
-from stochvi.mathematics.spectra import bin_variances
+from stochvi.mathematics.spectra import Table, bin_variances
 from stochvi.mathematics.unsteady_noise import FastPeaks, PeakedRecords, UnreachableKurtosis
 from stochvi.methods.monte_carlo.choose_plan import GapResponse
 from stochvi.methods.monte_carlo.plan import bias_of_smooth_motion
@@ -598,7 +598,19 @@ class FreeWindows(Kind):
     @cached_property
     def sources(self) -> list[WindowSource]:
         """All noises, in the order of the tables of the response."""
-        response, found = self.response, []
+        response = self.response
+        waves = response.amplitudes.transpose(2, 0, 1)
+        return self.sources_of(
+            [table for table, _ in response.tables], waves, response.samples,
+            response.block_length,
+        )  # fmt: skip
+
+    def sources_of(
+        self, tables: Sequence[Table], waves: Waves, samples: int, length: float
+    ) -> list[WindowSource]:
+        """Noises from the amplitudes (tables, bins, rows) of what they move, m, in records of so
+        many samples and `length` seconds."""
+        found = []
         # the tables of a model, in its order, then those of what is drawn, then all other noise
         first = len(self.model.tables)
         drawn: dict[int, FastPeaks] = {
@@ -606,19 +618,16 @@ class FreeWindows(Kind):
             for number, (each, _) in enumerate(self.model.drawn)
             if isinstance(each, FastPeaks)
         }
-        for number, (table, _) in enumerate(response.tables):
-            waves = response.amplitudes[:, :, number]
+        for number, (table, own) in enumerate(zip(tables, waves, strict=True)):
             if number not in drawn:
-                found.append(
-                    WindowSource(np.asarray(0.5 * response.samples * waves, complex), None)
-                )
+                found.append(WindowSource(np.asarray(0.5 * samples * own, complex), None))
                 continue
-            records = drawn[number].over(response.block_length)
-            sizes = np.sqrt(bin_variances(table, response.block_length, len(waves) + 1))
+            records = drawn[number].over(length)
+            sizes = np.sqrt(bin_variances(table, length, len(own) + 1))
             gains: Waves = np.divide(
-                waves, sizes[:, None], out=np.zeros_like(waves), where=sizes[:, None] > 0.0
+                own, sizes[:, None], out=np.zeros_like(own), where=sizes[:, None] > 0.0
             )
-            scale = response.samples / records.samples
+            scale = samples / records.samples
             found.append(WindowSource(np.asarray(scale * gains, complex), records))
         return found
 
@@ -649,7 +658,7 @@ class FreeWindows(Kind):
         together = max(1, TOGETHER // self.response.samples)
         steps, stride = self.counted // (2 if half else 1), 2 if coarse else 1
         found = [
-            self._closeness(
+            self.closeness(
                 self.gaps(trials.records[first : first + together])[: steps + 1 : stride]
             )
             for first in range(0, len(trials.records), together)
@@ -658,9 +667,14 @@ class FreeWindows(Kind):
 
     def gaps(self, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
         """Gaps from their means (samples, gaps, records), m, from Gaussian (records, numbers)."""
-        response, first = self.response, 0
-        bins = response.samples // 2 + 1
-        total = np.zeros((bins, response.gaps, len(numbers)), complex)
+        samples = self.response.samples
+        return np.asarray(scipy.fft.irfft(self.transform(numbers, samples), samples, axis=0))
+
+    def transform(self, numbers: NDArray[np.float64], samples: int) -> Waves:
+        """Transform (bins, rows, records) of records of so many samples, from Gaussian (records,
+        numbers); bins beyond it are left out."""
+        first, rows = 0, self.sources[0].gains.shape[1]
+        total = np.zeros((samples // 2 + 1, rows, len(numbers)), complex)
         for gains, records in self.sources:
             count = len(gains) if records is None else records.count
             own = numbers[:, first : first + 2 * count].reshape(len(numbers), 2, count)
@@ -670,11 +684,11 @@ class FreeWindows(Kind):
                 drawn = normals[0] - 1j * normals[1]
             else:
                 drawn = records.bins_of(normals)[1:]
-            kept = min(len(drawn), len(gains))
+            kept = min(len(drawn), len(gains), samples // 2)
             total[1 : kept + 1] += gains[:kept, :, None] * drawn[:kept, None, :]
-        return np.asarray(scipy.fft.irfft(total, response.samples, axis=0))
+        return total
 
-    def _closeness(self, gaps: NDArray[np.float64]) -> Vector:
+    def closeness(self, gaps: NDArray[np.float64]) -> Vector:
         """The farthest place at which a stop is reached, with peaks between samples by
         parabolas."""
         distances = np.array(self.rows)[:, :, self.moving]

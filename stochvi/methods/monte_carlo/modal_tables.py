@@ -343,7 +343,8 @@ class ModalTablesPlan(ModalPlan):
         )
 
     def follow(
-        self, free: NDArray[np.float64], log: Log, accelerations: NDArray[np.float64] | None,
+        self, free: NDArray[np.float64], log: Log | None,
+        accelerations: NDArray[np.float64] | None = None,
         burn_in: int = 0, counted: int | None = None, record: NDArray[np.float64] = NO_RECORD,
         seed: int | None = None,
     ) -> NDArray[np.float64]:  # fmt: skip
@@ -357,7 +358,8 @@ class ModalTablesPlan(ModalPlan):
             First come the samples that count, then the one from which paths begin, then those of
             the burn-in.
         log
-            Gets every impact that counts, at its time since the sample before the first.
+            Gets every impact that counts, at its time since the sample before the first; None for
+            none.
         accelerations
             (paths, outputs), zeros that become the largest absolute accelerations of the outputs of
             the model while a compliant stop is touched, m/s^2; None for none.

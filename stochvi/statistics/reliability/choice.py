@@ -46,6 +46,7 @@ from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.clusters import ImpactCounts, count_impacts
 from stochvi.statistics.crossings import first_crossings, own_distances
+from stochvi.statistics.free_flights import followed, linearised
 from stochvi.statistics.hardness import Limit
 from stochvi.statistics.rare_hits import Windows, overlap_of, rare_hits
 from stochvi.statistics.rare_hits import exceedance as exceedance_of_pairs
@@ -710,20 +711,21 @@ def exceedance(scene: Scene, limit: Limit, mission: float, jobs: Jobs) -> Chance
     return _from_splitting(found, limit.event, limit.value, way, why, jobs)
 
 
-def first_hit_under_peaks(scene: Scene, pair: str | None, mission: float, jobs: Jobs) -> Chance:
-    """P(any impact), or P(an impact on one pair), under noise with fast peaks."""
+def first_hit_in_pieces(scene: Scene, pair: str | None, mission: float, jobs: Jobs) -> Chance:
+    """P(any impact), or P(an impact on one pair), under noise with fast peaks, or on springs and
+    dampers that are functions."""
     model, started = model_of(scene), time.process_time()
-    below, above = own_distances(model)
+    below, above = own_distances(linearised(model))
     if pair is not None:
         others = np.array([each.name != pair for each in model.pairs])
         below, above = (np.where(others, math.inf, each) for each in (below, above))
-    kind = windows_of(model, below.tolist(), above.tolist(), mission, jobs.run.seed)
-    found = Question(1.0, mission, jobs.confidence, jobs.part).answer(kind)
+    pieces = windows_of(model, below.tolist(), above.tolist(), mission, jobs.run.seed)
+    found = Question(1.0, mission, jobs.confidence, jobs.part).answer(followed(pieces))
     assert found is not None  # pieces always end
-    why = (
-        "pieces of the motion: noise with fast peaks moves it as it comes, and a splitting finds "
-        "the pieces that reach a stop"
-    )
+    moved = "the steps of simulate follow it" if model.functions else (
+        "noise with fast peaks moves it as it comes"
+    )  # fmt: skip
+    why = f"pieces of the motion: {moved}, and a splitting finds the pieces that reach a stop"
     found = replace(found, seconds=time.process_time() - started)
     return _from_splitting(found, "hit", None, "splitting", why, jobs)
 

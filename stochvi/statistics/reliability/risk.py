@@ -36,6 +36,7 @@ from stochvi.sampling.calculations import calculation
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossings import ShocksMeet, same_gaps
+from stochvi.statistics.free_flights import is_followed
 from stochvi.statistics.hardness import (
     Limit,
     hardness_of,
@@ -54,7 +55,7 @@ from stochvi.statistics.reliability.choice import (
     counted_hits,
     exceedance,
     first_hit,
-    first_hit_under_peaks,
+    first_hit_in_pieces,
     first_hits_of_pairs,
     harder_hits_of_pairs,
     hits_of_pairs,
@@ -75,6 +76,9 @@ FIRST_HITS = 0.4
 AS_MUCH = 1e-3
 """Probability that springs and dampers alone exceed an acceleration, from which on a warning states
 it."""
+
+MOUNTS = "springs or dampers that are functions"
+"""Mounts on which the probability of any impact alone is known."""
 
 AT_ONCE = 0.05
 """Share of P(hit) that falls to the start itself, from which on a warning states it."""
@@ -189,16 +193,16 @@ def reliability(
         return _at_varying_level(
             scene, mission, others, pair, run, confidence=confidence, start=start
         )
-    peaked = has_fast_peaks(model)
-    if peaked or model.drawn:
-        drive = "noise with fast peaks" if peaked else "shocks"
-        _check_any_impact(drive, scene, others, start)
-    if peaked or model.drawn or not model.single:
+    in_pieces = is_followed(model)
+    if in_pieces or model.drawn:
+        drive = "noise with fast peaks" if has_fast_peaks(model) else "shocks"
+        _check_any_impact(MOUNTS if model.functions else drive, scene, others, start)
+    if in_pieces or model.drawn or not model.single:
         _check_several(model, barrier, start, way)
         hardest = limits_of(scene, limits, at)
         found = (
-            _under_peaks(scene, pair, mission, jobs)
-            if peaked
+            _in_pieces(scene, pair, mission, jobs)
+            if in_pieces
             else _of_pairs(scene, pair, hardest, mission, way, jobs)
         )
         return _answered(scene, mission, start, found, jobs)
@@ -392,16 +396,14 @@ def _simulated(
     return found
 
 
-def _under_peaks(scene: Scene, pair: str | None, mission: float, jobs: Jobs) -> Findings:
-    """The probability of any impact under noise with fast peaks."""
+def _in_pieces(scene: Scene, pair: str | None, mission: float, jobs: Jobs) -> Findings:
+    """The probability of any impact, by pieces of the motion without stops."""
     try:
-        chance = first_hit_under_peaks(scene, pair, mission, jobs)
+        chance = first_hit_in_pieces(scene, pair, mission, jobs)
     except NotApplicable as reason:
         raise NotApplicable("reliability", reason.conditions) from reason
-    followed = (
-        "impacts after the first one are not followed under noise with fast peaks; impacts counts "
-        "all"
-    )
+    where = MOUNTS if model_of(scene).functions else "noise with fast peaks"
+    followed = f"impacts after the first one are not followed under {where}; impacts counts all"
     return Findings(chances={"hit": chance}, notes=[followed, *_alone(pair)])
 
 
