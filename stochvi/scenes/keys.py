@@ -31,6 +31,7 @@ KEY_UNITS = {
     "lower": "m",
     "upper": "m",
     "clearance": "m",
+    "tolerance": "m",
     "at": "m",
     "inertia": "kg m2",
     "centre_tolerance": "m",

@@ -49,6 +49,7 @@ from stochvi.scenes.impact_laws import (
     Viscoelastic,
 )
 from stochvi.scenes.impact_laws.compliant import AS_WRITTEN
+from stochvi.scenes.pair_tables import read_pairs
 from stochvi.scenes.phases import Phase
 from stochvi.scenes.structures import Matrices, NonlinearOscillator, Oscillator, Structure
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody, Triple, rows_at
@@ -56,6 +57,8 @@ from stochvi.scenes.text_tables import read_text
 from stochvi.scenes.validation import (
     PYTHON_ONLY,
     Checked,
+    Mean,
+    NonNegative,
     OneOf,
     VariedNumber,
     VariedPositive,
@@ -147,6 +150,9 @@ class ImpactPair(Checked):
         units, and so may a clearance.
     clearance
         Instead of the two, one clearance on both sides, m: stops at -clearance and clearance.
+    tolerance
+        How much nearer than stated each stop may stand, m. The stops are put there, for every
+        calculation.
     on, between, weights
         The coordinate or point that hits the stops, which may be left out if there is only one; or
         two of them, of which the difference, first minus second, is the gap; or the weights of
@@ -184,6 +190,7 @@ class ImpactPair(Checked):
     lower: VariedNumber | None = None
     upper: VariedNumber | None = None
     clearance: VariedPositive | None = Field(default=None, exclude=True)
+    tolerance: NonNegative | None = Field(default=None, exclude=True)
     law: Law | None = None
     lower_law: Law | None = None
     upper_law: Law | None = None
@@ -248,6 +255,7 @@ class ImpactPair(Checked):
             for name, value in (("lower", -self.clearance), ("upper", self.clearance)):
                 object.__setattr__(self, name, value)
             object.__setattr__(self, "clearance", None)
+        self._come_nearer()
         if self.lower is None and self.upper is None:
             raise ValueError(
                 "needs at least one of lower and upper (m from rest), or clearance; any number "
@@ -270,6 +278,19 @@ class ImpactPair(Checked):
                 )
         return self
 
+    def _come_nearer(self) -> None:
+        """Put the stops where a tolerance may have them."""
+        for name, side in (("lower", 1.0), ("upper", -1.0)):
+            place = getattr(self, name)
+            if self.tolerance is None or place is None:
+                continue
+            if isinstance(place, Mean):
+                raise ValueError(
+                    f"takes tolerance, or a {name} stop that differs between units, got both"
+                )
+            object.__setattr__(self, name, place + side * self.tolerance)
+        object.__setattr__(self, "tolerance", None)
+
     @property
     def _laws(self) -> tuple[Law | None, ...]:
         return self.law, self.lower_law, self.upper_law
@@ -286,6 +307,10 @@ class ImpactPair(Checked):
         return [(side, self.law_of(side)) for side in sides if getattr(self, side) is not None]
 
 
+LAW_OF_TABLE = Restitution(coefficient=0.5)
+"""Law of the stops of a table that states none; the probability of a contact depends on no law."""
+
+
 class Scene(Checked):
     """Everything a method needs to know, checked once.
 
@@ -297,6 +322,9 @@ class Scene(Checked):
         What moves.
     impact_pairs
         Where it can hit; none for a structure without stops. `impact_pair` in a file.
+    pairs
+        A table of further pairs: the name of its file, or that with the keys that all of them
+        share, { file = "gaps.csv", law = ... }. Rigid stops of restitution 0.5 by default.
     excitations
         What shakes it; several add up. At least one, unless each phase has its own. `excitation`
         in a file.
@@ -336,6 +364,7 @@ class Scene(Checked):
     title: str = ""
     structure: Annotated[Structure, OneOf(get_args(Structure))]
     impact_pairs: tuple[ImpactPair, ...] = Field(default=(), alias="impact_pair")
+    pairs: str | dict[str, Any] | None = Field(default=None, exclude=True)
     excitations: Excitations = Field(alias="excitation")
     cross_densities: tuple[CrossDensity, ...] = Field(default=(), alias="cross_density")
     absorber: Absorber | tuple[Absorber, ...] | None = None
@@ -355,6 +384,28 @@ class Scene(Checked):
         named = keys if isinstance(keys, dict) else {}
         lacks = not {"excitation", "excitations"} & named.keys()
         return named | {"excitation": []} if lacks and {"phase", "phases"} & named.keys() else keys
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_pairs_of_table(cls, keys: Any) -> Any:
+        """Pairs of a table stand behind those that are written out."""
+        if not isinstance(keys, dict) or keys.get("pairs") is None:
+            return keys
+        shared = {"file": keys["pairs"]} if isinstance(keys["pairs"], str) else keys["pairs"]
+        if not isinstance(shared, dict) or not isinstance(shared.get("file"), str):
+            sentence = (
+                "must be the name of a table, or { file = ..., law = ... }, got "
+                f"{keys['pairs']!r}"
+            )
+            raise SceneError([("pairs", sentence)])
+        own = keys.get("impact_pair", keys.get("impact_pairs", ()))
+        same = {name: each for name, each in shared.items() if name != "file"}
+        rows = [{"law": LAW_OF_TABLE} | same | row for row in read_pairs(shared["file"])]
+        others = {
+            name: each for name, each in keys.items() if name not in ("pairs", "impact_pairs")
+        }
+        own = list(own) if isinstance(own, list | tuple) else [own]
+        return others | {"impact_pair": own + rows}
 
     @field_validator("absorber", mode="before")
     @classmethod
@@ -1311,8 +1362,11 @@ def scene_from(document: Mapping[str, Any], folder: Path = Path()) -> Scene:
         for key in ("excitation", "impact_pair", "phase"):
             if isinstance(entries := document.get(key), list):
                 document[key] = [_files_from(folder, entry) for entry in entries]
-        if "structure" in document:
-            document["structure"] = _files_from(folder, document["structure"])
+        if isinstance(table := document.get("pairs"), str):
+            document["pairs"] = {"file": table}
+        for key in ("structure", "pairs"):
+            if key in document:
+                document[key] = _files_from(folder, document[key])
         return Scene(**document)
     except RecursionError:
         raise SceneError("the keys of a scene are nested too deeply") from None

@@ -1091,7 +1091,8 @@ def _table_of(path: Path, written: str, names: Sequence[str]) -> TextTable:
             if any(count_values(row[place : place + 1]) for row in some)
         ]
         for place, each in enumerate(headings):
-            if each.unit and place not in numeric:
+            filled = any(any(row[place : place + 1]) for row in some)
+            if each.unit and filled and place not in numeric:
                 raise MisfitHeading(each.line, count)
     except MisfitHeading as heading:
         raise SceneError(

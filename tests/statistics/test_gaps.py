@@ -291,6 +291,21 @@ def test_the_first_of_many_are_simulated_where_that_is_asked_for() -> None:
 
 
 @pytest.mark.slow
+def test_gaps_that_cannot_be_simulated_keep_their_ranks_and_bounds() -> None:
+    of = plain(5, 6, MANY + 4)
+    far = of.std * math.sqrt(float(of.zeta.mean()) / 1e-6)
+    scene = of._replace(zeta=np.full(6, 1e-6), std=far).scene()
+    asked = reliability(scene, mission=20.0, way="first crossings", budget=20.0)
+    assert len(asked.gaps) == MANY + 4 and asked.cost.paths == 0
+    assert any("first gaps are not simulated" in each for each in asked.warnings)
+    # nothing is known of clusters then: at least the probability to start beyond the stop
+    assert all(2.0 * gap.at_least < gap.probability for gap in asked.gaps.values())
+    assert all(gap.probability <= gap.at_most for gap in asked.gaps.values())
+    with pytest.raises(NotApplicable, match="record of"):
+        reliability(scene, mission=20.0, impact_speed=0.1, budget=20.0)
+
+
+@pytest.mark.slow
 def test_sines_beside_the_noise_leave_the_bounds_that_hold_for_them() -> None:
     pairs = [
         ImpactPair(name=f"at {level}", on="x", upper=0.5 * level, law=HARD)

@@ -233,9 +233,9 @@ MANY = 16
 FIRST = 10
 """Number of gaps that a console lists, and that are simulated where that is asked for."""
 
-SELDOM = 0.05
-"""Crossings of a gap, as a share of those of the tenth one, below which clusters hardly make it one
-of the first ten: these have some crossings each."""
+LOOKED, SELDOM = 20, 0.05
+"""Gaps whose clusters are looked at, by Rice: so many at least, and all with this share of the
+crossings of the tenth one. Clusters of the first ten would have to be larger for others."""
 
 SURE = 0.99
 """Lower bound from which a contact is certain: nothing needs to be simulated."""
@@ -257,7 +257,8 @@ def ranked(model: Model, mission: float) -> tuple[dict[str, GapRisk], Chance]:
     rate, outside = (np.bincount(stops.gap, each, count) for each in (stops.rate, stops.beyond))
     first, low = rate.copy(), outside.copy()
     order = np.argsort(-rate, kind="stable")
-    looked = order[rate[order] > SELDOM * rate[order[:FIRST]][-1]]
+    often = rate[order] > SELDOM * rate[order[:FIRST]][-1]
+    looked = order[(often | (np.arange(count) < LOOKED)) & (rate[order] > 0.0)]
     clusters = None if model.sines else _clusters(model, looked, place, speed)
     for each in looked:
         if clusters is None:

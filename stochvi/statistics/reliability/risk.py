@@ -336,7 +336,16 @@ def _of_pairs(
     if known is None or len(model.pairs) <= MANY:
         return _simulated(scene, pair, limits, mission, jobs)
     first = [*known.gaps][:FIRST]
-    found = _simulated(_with_pairs(scene, first), None, limits, mission, jobs)
+    try:
+        found = _simulated(_with_pairs(scene, first), None, limits, mission, jobs)
+    except NotApplicable as reason:
+        if limits:
+            raise
+        known.warnings.append(f"the first gaps are not simulated: {'; '.join(reason.conditions)}")
+        return known
+    except (NotConverged, Interrupted) as error:
+        known.missing["the first gaps together"] = str(error)
+        return known
     found.chances = {event: among(each, known.gaps, first) for event, each in found.chances.items()}
     found.gaps = known.gaps
     return found
