@@ -985,3 +985,19 @@ def test_the_longest_time_is_where_the_quantile_of_the_supply_meets_the_loss():
 def test_regimes_that_do_not_exist_are_refused(name, changes, words):
     with pytest.raises(ValueError, match=words):
         rattle(name, **changes)
+
+
+def test_many_modes_that_nothing_couples_respond_as_each_alone() -> None:
+    random, count = np.random.default_rng(1), 20
+    squares, damping = 10.0 ** random.uniform(2.0, 5.0, count), random.uniform(0.1, 3.0, count)
+    force, f = random.standard_normal(count), np.geomspace(0.5, 90.0, 60)
+    w = 2.0 * np.pi * f[:, None]
+    alone = force / (squares - w**2 + 1j * w * damping)
+    found = gains(f, np.diag(squares), np.diag(damping), force)
+    assert np.abs(found / alone - 1.0).max() < 1e-12
+    # a coupling that is hardly one is solved, and one that is not small is seen
+    coupled = np.diag(damping)
+    coupled[0, 1] = coupled[1, 0] = 1e-13
+    assert np.abs(gains(f, np.diag(squares), coupled, force) / alone - 1.0).max() < 1e-9
+    coupled[0, 1] = coupled[1, 0] = 1.0
+    assert np.abs(gains(f, np.diag(squares), coupled, force) / alone - 1.0).max() > 1e-3

@@ -24,6 +24,7 @@ from stochvi import (
     reliability,
 )
 from stochvi.model.model import model_of
+from stochvi.scenes.phases import Phase
 from stochvi.scenes.structures import Modes
 from stochvi.statistics.crossings import first_crossings
 from stochvi.statistics.reliability.gaps import FIRST, MANY, SHARES, Following, least, ranked
@@ -288,6 +289,31 @@ def test_the_first_of_many_are_simulated_where_that_is_asked_for() -> None:
     assert alone.estimate.value == pytest.approx(
         risk.probability, rel=0.15, abs=4.5 * alone.estimate.standard_error
     )
+
+
+@pytest.mark.slow
+def test_gaps_of_phases_are_those_of_all_together() -> None:
+    scene = plain(5, 6, MANY + 4).scene()
+    (noise,) = scene.excitations
+    phases = [
+        Phase(name=name, duration=duration, excitations=[noise.replace(level_db=level)])
+        for name, duration, level in (("road", 20.0, -2.0), ("air", 200.0, -4.0))
+    ]
+    found = reliability(scene.replace(excitations=[], phases=phases))
+    parts = [
+        reliability(scene.replace(excitations=phase.own_excitations), mission=phase.duration)
+        for phase in phases
+    ]
+    for name, gap in found.gaps.items():
+        for key in ("probability", "at_least", "at_most"):
+            kept = math.prod(1.0 - getattr(part.gaps[name], key) for part in parts)
+            assert getattr(gap, key) == pytest.approx(1.0 - kept, rel=1e-9, abs=1e-15)
+    likely = [gap.probability for gap in found.gaps.values()]
+    assert likely == sorted(likely, reverse=True)
+    hit, of_parts = found.chances["hit"], [part.chances["hit"] for part in parts]
+    for end in ("lower", "upper"):
+        kept = math.prod(1.0 - getattr(part, end) for part in of_parts)
+        assert getattr(hit, end) == pytest.approx(1.0 - kept, rel=1e-6)
 
 
 @pytest.mark.slow

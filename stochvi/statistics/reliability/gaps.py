@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -85,9 +85,14 @@ class Stops(NamedTuple):
     rate: Vector
     beyond: Vector
 
-    def of(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Stops:
+    def of(self, which: NDArray[np.int64]) -> Stops:
         """Some of them."""
         return Stops(self.gap[which], *(each[which] for each in self[1:]))
+
+    def at(self, gaps: Iterable[int]) -> Stops:
+        """Those that are crossed of some gaps, gap by gap."""
+        own = [np.flatnonzero((self.gap == gap) & (self.rate > 0.0)) for gap in gaps]
+        return self.of(np.concatenate(own))
 
 
 class Following(NamedTuple):
@@ -254,17 +259,16 @@ def ranked(model: Model, mission: float) -> tuple[dict[str, GapRisk], Chance]:
     place, speed = np.array([each.deviations for each in moving]).T
     away = np.array(own_distances(model))
     stops = _stops(moving, away)
-    rate, outside = (np.bincount(stops.gap, each, count) for each in (stops.rate, stops.beyond))
-    first, low = rate.copy(), outside.copy()
-    order = np.argsort(-rate, kind="stable")
-    often = rate[order] > SELDOM * rate[order[:FIRST]][-1]
-    looked = order[(often | (np.arange(count) < LOOKED)) & (rate[order] > 0.0)]
+    rate, outside = (
+        np.bincount(stops.gap, each, count).astype(float) for each in (stops.rate, stops.beyond)
+    )
+    looked = _looked_at(rate)
     clusters = None if model.sines else _clusters(model, looked, place, speed)
+    first, low = rate.copy(), outside.copy()
     for each in looked:
         if clusters is None:
             break
-        own = stops.of((stops.gap == each) & (stops.rate > 0.0))
-        both, last = clusters.counted(own, mission)
+        both, last = clusters.counted(own := stops.at([each]), mission)
         first[each] = last.sum()
         low[each] = max(low[each], least(both, own.rate * mission))
     hazard = first * mission - np.log1p(-np.minimum(outside, CERTAIN))
@@ -280,18 +284,22 @@ def ranked(model: Model, mission: float) -> tuple[dict[str, GapRisk], Chance]:
         )
         for gap in order
     }  # fmt: skip
-    some, lower = hazard.sum(), float(low.max())
+    any_of_them, lower, upper = hazard.sum(), low.max(), min(high.sum(), 1.0)
     if clusters is not None:
-        ten = [gap for gap in order[:FIRST] if gap in clusters.number and rate[gap]]
-        joint = np.concatenate([np.flatnonzero(stops.gap == gap) for gap in ten])
-        own = clusters.apart(stops.of(joint[stops.rate[joint] > 0.0]))
-        both, last = clusters.counted(own, mission)
-        lower = max(lower, least(both, own.rate * mission))
-        some += last.sum() * mission - first[ten].sum() * mission
-    upper = min(float(high.sum()), 1.0)
-    chance = min(max(-math.expm1(-some), lower), upper)
-    seconds = time.process_time() - started
-    return found, _of_bounds(chance, lower, upper, seconds)
+        ten = np.intersect1d(order[:FIRST], looked)
+        together = clusters.apart(stops.at(order[np.isin(order, ten)]))
+        both, last = clusters.counted(together, mission)
+        lower = max(lower, least(both, together.rate * mission))
+        any_of_them += (last.sum() - first[ten].sum()) * mission
+    chance = min(max(-math.expm1(-any_of_them), lower), upper)
+    return found, _of_bounds(chance, lower, upper, time.process_time() - started)
+
+
+def _looked_at(rate: Vector) -> NDArray[np.int64]:
+    """Numbers of the gaps whose clusters are looked at, from Rice's rates, the highest first."""
+    order = np.argsort(-rate, kind="stable")
+    often = rate[order] > SELDOM * rate[order[:FIRST]][-1]
+    return np.asarray(order[(often | (np.arange(len(order)) < LOOKED)) & (rate[order] > 0.0)])
 
 
 def _stops(moving: Sequence[MovingMean], away: Matrix) -> Stops:
@@ -316,9 +324,9 @@ def _clusters(
     model: Model, gaps: NDArray[np.int64], place: Vector, speed: Vector
 ) -> Clusters | None:
     """The clusters of some gaps; None where times lie too far apart, so that bounds alone are
-    known."""
+    known, or nothing is crossed."""
     try:
-        return Clusters(model, gaps, place[gaps], speed[gaps])
+        return Clusters(model, gaps, place[gaps], speed[gaps]) if len(gaps) else None
     except NotApplicable:
         return None
 
@@ -326,10 +334,11 @@ def _clusters(
 def _of_bounds(chance: float, lower: float, upper: float, seconds: float) -> Chance:
     """The probability of any contact between bounds."""
     how = "bounds: crossings of Gaussian motion (Rice), and of clusters of them by their squares"
-    bias = max(upper - chance, chance - lower)
+    bias = float(max(upper - chance, chance - lower))
     return Chance(
-        event="hit", limit=None, estimate=Estimate(value=chance, bias=bias, how=how), lower=lower,
-        upper=upper, confidence=1.0, rule=how, way=BOUND, seconds=seconds,
+        event="hit", limit=None, estimate=Estimate(value=float(chance), bias=bias, how=how),
+        lower=float(lower), upper=float(upper), confidence=1.0, rule=how, way=BOUND,
+        seconds=seconds,
         why="crossings: before the first impact the motion is Gaussian, and its crossings of each "
         "stop, and those that follow them, are known without simulation",
     )  # fmt: skip

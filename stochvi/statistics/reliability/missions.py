@@ -519,9 +519,26 @@ def _together(
     more = [*spoken_lags(scenes, scene.phases), *bounds]
     return replace(
         first, mission=sum(each.mission for each in found.values()), chances=chances, hits=hits,
-        hits_interval=interval, missing=missing, pairs={}, outputs={}, gaps={}, phases=found,
+        hits_interval=interval, missing=missing, pairs={}, outputs={}, phases=found,
+        gaps=_gaps_together([each.gaps for each in busy.values()]),
         **said_of_phases(scene, found, run, "steps", "paths", more=more),
     )  # fmt: skip
+
+
+def _gaps_together(phases: Sequence[Mapping[str, GapRisk]]) -> dict[str, GapRisk]:
+    """Many gaps in independent phases, in the order of the whole mission, each with its motion in
+    its worst phase; none where they are not known in every phase."""
+    found = {}
+    for name in phases[0] if all(phases) else ():
+        each = [phase[name] for phase in phases]
+        kept = {
+            key: 1.0 - math.prod(1.0 - getattr(one, key) for one in each)
+            for key in ("probability", "at_least", "at_most")
+        }
+        worst = max(each, key=lambda one: one.crossings)
+        found[name] = replace(worst, crossings=math.fsum(one.crossings for one in each), **kept)
+    order = sorted(found, key=lambda name: (-found[name].probability, -found[name].crossings))
+    return {name: found[name] for name in order}
 
 
 TOGETHER = "of independent phases"

@@ -330,7 +330,10 @@ def _of_pairs(
     if len(model.pairs) > MANY and pair is not None:
         return _simulated(_with_pairs(scene, [pair]), pair, limits, mission, jobs)
     if len(model.pairs) > 1 and pair is None and not model.drawn:
-        known = at_once(model, mission)
+        try:
+            known = at_once(model, mission)
+        except NotApplicable as reason:
+            raise NotApplicable("reliability", reason.conditions) from reason
     if known is not None and not limits and way is None:
         return known
     if known is None or len(model.pairs) <= MANY:

@@ -46,6 +46,7 @@ from stochvi.views.report.sections import (
 )
 from stochvi.views.schematic import draw_problem, draw_shapes, has_shape
 from stochvi.views.statistics import (
+    FIRST_GAPS,
     STARTS,
     reliability_told,
 )
@@ -231,6 +232,10 @@ def reliability_page(
         Fact(f"Probability of {c.words}", c.likely, f"{c.interval}{noise}")
         for c in found.chances.values()
     ]
+    first = [*found.gaps][:FIRST_GAPS]
+    if len(found.gaps) > len(first):
+        shown = sorted(scene.impact_pairs, key=lambda pair: [*found.gaps].index(pair.name))
+        scene = scene.model_copy(update={"impact_pairs": tuple(shown[: len(first)])})
     return page_of(
         told,
         scene.title or "Reliability of a mission",
