@@ -177,15 +177,16 @@ def own_levels(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("places", "factors", "windows", "rel_error"),
-    [((4e-3,), (1.0,), 300, 0.012),
-     pytest.param((4e-3, 6.5e-3), (0.1, 1.0, 10.0), 600, 0.02, marks=pytest.mark.verify)],
+    ("places", "factors", "windows", "rel_error", "wrong"),
+    [((4e-3,), (1.0,), 600, 0.006, 0.955),
+     pytest.param((4e-3, 6.5e-3), (0.1, 1.0, 10.0), 600, 0.02, 0.92, marks=pytest.mark.verify)],
 )  # fmt: skip
 def test_contacts_are_those_of_mount_base_and_stop_together(
-    places: tuple[float, ...], factors: tuple[float, ...], windows: int, rel_error: float
-) -> None:
+    places: tuple[float, ...], factors: tuple[float, ...], windows: int, rel_error: float,
+    wrong: float,
+) -> None:  # fmt: skip
     """Stops of 2e5 N/m beside a mount of 5.7e4 N/m: a base at rest during a contact, and the mount
-    alone before it, would give 7 to 9 % less."""
+    alone before it, gave 4.5 % less."""
     noise = TabulatedNoise(frequency_hz=[5.0, 80.0], density=[0.0204, 0.0204], unit="g2/Hz")
     law = Viscoelastic(stiffness=2e5, damping_ratio=0.1)
     pair = ImpactPair(lower=-4e-3, upper=4e-3, law=law)
@@ -207,7 +208,7 @@ def test_contacts_are_those_of_mount_base_and_stop_together(
                 both = 4.5 * math.hypot(own_error, error) + bias
                 assert abs(value - level) < both, (name, place, factor)
                 if name == "peak_acceleration" and factor == 1.0 and place == 4e-3:
-                    assert not abs(0.92 * value - level) < both  # by the contact alone
+                    assert not abs(wrong * value - level) < both  # by the contact alone
     # what `reliability` says of the level of the map
     stiff = at_clearances(scene, places[0])
     peak = found.peak_acceleration
