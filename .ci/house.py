@@ -95,7 +95,8 @@ with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):
     import stochvi.cli
     stochvi.cli.main(["size", scene, "--probability", "1%"])
 sys.setprofile(None)
-print(len(ran), len({each.co_filename for each in ran}), deepest)
+functions = [each for each in ran if each.co_flags & 1 and each.co_name[0] != "<"]
+print(len(ran), len(functions), len({each.co_filename for each in ran}), deepest)
 """
 
 LOADED = """
@@ -141,8 +142,11 @@ def tell(house: Path) -> None:
         scene = Path(folder, "truck.toml")
         scene.write_text(truck_of(house / "README.md"), encoding="utf-8")
         in_house(house, LOADED, _command("size", str(scene), "--probability", "1%"))  # kernels
-        functions, files, depth = in_house(house, SIZE, str(house / "stochvi"), str(scene))
-        print(f"one size runs {functions} functions in {files} files, {depth} calls deep")
+        bodies, functions, files, depth = in_house(house, SIZE, str(house / "stochvi"), str(scene))
+        print(
+            f"one size runs {functions} functions in {files} files, {depth} calls deep; {bodies} "
+            "with comprehensions and the bodies of classes and files"
+        )
         jobs = {
             "import stochvi": "import stochvi",
             "stochvi --version": _command("--version"),
