@@ -58,9 +58,9 @@ from stochvi.views.report.sections import (
 )
 from stochvi.views.report.sizing import sizing_page
 from stochvi.views.sizing import plot_pairs_risk
+from support.accuracies import run_of
 from support.commands import Run, one_document
 from support.pairs import LAW, pair, uncoupled
-from support.runs import run_of
 
 MISSION, TARGET = 1000.0, 0.05
 MOUNT = Scene(

@@ -46,8 +46,7 @@ from stochvi.sweeps import sweep
 from stochvi.views.isolator_tables import production_section, production_told
 from stochvi.views.pages import print_told
 from support import judges
-from support.accuracies import quick_cases
-from support.runs import run_of
+from support.accuracies import quick_cases, run_of
 
 WHITE = [WhiteNoise(density=0.01, unit="g2/Hz")]
 LAW = Restitution(coefficient=0.5)

@@ -61,9 +61,8 @@ from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.phases import changed_mount
 from stochvi.scenes.scene import scene_from
 from stochvi.verification.testing.judging import Z
-from support.accuracies import quick_cases
+from support.accuracies import quick_cases, run_of
 from support.mounts import HOUR, ten_hertz, truck
-from support.runs import run_of
 
 ONE_PER_CENT = Target(name="probability", value=0.01, unit="1")
 

@@ -6,6 +6,7 @@ import json
 import math
 import operator
 import re
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -14,12 +15,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from stochvi import Elastic, ImpactPair, Oscillator, Restitution, Scene, WhiteNoise, average
 from stochvi.isolators.sizing.answer import Clearance
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
-from stochvi.results.base import RESPONSE_QUANTITIES, CoordinateResponse, PairResponse, Response
+from stochvi.results.base import (
+    NEVER_ZERO,
+    RESPONSE_QUANTITIES,
+    CoordinateResponse,
+    PairResponse,
+    Response,
+)
 from stochvi.results.estimates import (
     GAUSSIAN_95,
     Estimate,
@@ -566,3 +574,60 @@ def test_the_message_holds_the_value_the_truth_and_the_standard_errors_between()
         assert_agrees(Estimate(value=2.0, standard_error=0.1), 1.25)
     assert "1.25" in str(failure.value)
     assert "7.5 standard errors" in str(failure.value)
+
+
+# ------------------------------------------------------------------------------
+# A rate is never 0 without an error: it is rare, and an answer says how rare at most.
+# ------------------------------------------------------------------------------
+
+
+METHODS: dict[str, Callable[[Scene], Response]] = {
+    "exact": exact,
+    "average": average,
+    **{f"linearise {form}": lambda scene, form=form: linearise(scene, form=form)  # type: ignore[misc]
+       for form in ("closure", "motion", "force", "clumps")},
+    "fokker-planck": fokker_planck,
+    "simulate": lambda scene: simulate(scene, paths=16, duration=20.0, seed=1),
+}  # fmt: skip
+
+ELASTIC = ("exact", "linearise closure", "linearise motion", "linearise force", "fokker-planck",
+           "simulate")  # fmt: skip
+
+
+def far(distance: float, law: Restitution | Elastic) -> Scene:
+    """Stops at so many standard deviations."""
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        impact_pairs=[ImpactPair(lower=-distance, upper=distance, law=law)],
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+
+
+def stated(found: Iterable[Estimate | float | None]) -> bool:
+    """Whether each number that is 0 has an error, a limit, or no interval at all."""
+    return all(
+        each.value != 0.0 or each.bias is None or each.upper_95 or each.half_width_95() > 0.0
+        for each in found
+        if isinstance(each, Estimate)
+    )
+
+
+@pytest.mark.parametrize("distance", [9.0, 60.0])
+@pytest.mark.parametrize("method", METHODS)
+def test_no_method_says_a_rate_of_exactly_zero(method: str, distance: float) -> None:
+    """exp(-1800) is 0 for a computer, and exp(-40) is less than what a mesh or a sample sees."""
+    law = Restitution(coefficient=1.0)
+    pair = METHODS[method](far(distance, law)).impact_pairs["stops"]
+    assert stated(pair[name] for name in NEVER_ZERO)
+    if method in ELASTIC:
+        pair = METHODS[method](far(distance, Elastic(stiffness=50.0))).impact_pairs["stops"]
+        assert stated(pair[name] for name in NEVER_ZERO)
+
+
+def test_zeros_that_are_right_stay_as_they_are() -> None:
+    plain, limited = Estimate(value=0.0), Estimate(value=0.0, upper_95=0.1)
+    pair = PairResponse(
+        collision_rate=plain, collision_rate_upper=limited, relative_displacement_mean=plain
+    )
+    assert not stated([plain]) and stated([pair.collision_rate])
+    assert pair.collision_rate_upper == limited and pair.relative_displacement_mean == plain

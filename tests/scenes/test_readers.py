@@ -46,7 +46,7 @@ from stochvi.scenes.structures import Isolator
 from stochvi.statistics.spectra import spectrum
 from stochvi.testing import assert_agrees
 from stochvi.views.files import write_table
-from support.uff import write_uff
+from support.records import write_uff
 
 FREQUENCY = np.array([5.0, 40.0, 500.0])
 DENSITY = np.array([0.015, 0.015, 0.00015])

@@ -32,7 +32,7 @@ from stochvi.scenes.readers import TIME_RESPONSE
 from stochvi.scenes.records import Record, read_record, response_error, wanted_resolution
 from stochvi.scenes.scene import load_scene
 from stochvi.testing import assert_agrees
-from support.uff import write_uff
+from support.records import write_uff
 
 FS, DENSITY = 400.0, 0.5
 OMEGA = 2.0 * math.pi * 12.0

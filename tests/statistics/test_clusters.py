@@ -68,10 +68,9 @@ from stochvi.statistics.rare_hits import (
     windows,
 )
 from stochvi.testing import assert_agrees
-from support.accuracies import rel_errors
+from support.accuracies import rel_errors, run_of
 from support.boxes import INERTIA, PLACES, TABLES, box, direct_matrices, scene_with, tables
 from support.pairs import LAW, diagonal, pair, uncoupled
-from support.runs import run_of
 
 # ------------------------------------------------------------------------------
 # Impact clusters from first impacts on, against exact laws and against simulating everything.

@@ -66,9 +66,8 @@ from stochvi.statistics.crossings import (
 )
 from stochvi.statistics.trial_splitting import pilot, repetition, windows_of
 from stochvi.testing import assert_agrees
-from support.accuracies import quick_cases, rel_errors
+from support.accuracies import quick_cases, rel_errors, run_of
 from support.pairs import LAW, diagonal, pair, uncoupled
-from support.runs import run_of
 
 # ------------------------------------------------------------------------------
 # First crossings of Gaussian responses, against a deterministic solver and crude counting.

@@ -59,11 +59,10 @@ from stochvi.statistics.reliability.missions import (
 from stochvi.statistics.trial_splitting import Levels, moved, pilot, repetition
 from stochvi.testing import assert_agrees
 from stochvi.views.files import to_json
-from support.accuracies import rel_errors
+from support.accuracies import rel_errors, run_of
 from support.commands import Run, one_document
 from support.known import DOCUMENT, P_AT_3, RARE, TEN_PERIODS, oscillator, to_toml
 from support.pairs import pair, uncoupled
-from support.runs import run_of
 
 FREE, BOX, FAR = oscillator(), oscillator(-1.0, 1.0), oscillator(-4.5, 4.5)
 PRELOADED = oscillator(None, -0.5)

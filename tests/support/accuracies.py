@@ -1,12 +1,21 @@
-"""Claims at two prices; the tolerances of statistical ones come from standard errors at either."""
+"""Claims at two prices, whose tolerances come from standard errors at either; the run of a part of
+a calculation, and estimates from samples."""
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Sequence
+import math
+from collections.abc import Container, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 import pytest
 from _pytest.mark.structures import ParameterSet
+
+from stochvi.results.deadline import Deadline
+from stochvi.results.estimates import Estimate
+from stochvi.sampling.run import Run
+from stochvi.sampling.workers import pool_of
 
 
 def rel_errors(quick: float, fine: float) -> pytest.MarkDecorator:
@@ -35,3 +44,24 @@ def quick_cases(
         marks = case.marks if number in keep else (*case.marks, pytest.mark.verify)
         marked.append(pytest.param(*case.values, id=case.id, marks=marks))
     return pytest.mark.parametrize(names, marked, ids=ids)
+
+
+@contextmanager
+def run_of(rel_error: float, seed: int = 0, budget: float | None = None) -> Iterator[Run]:
+    """A run on one thread."""
+    with pool_of(None, 1) as pool:
+        yield Run(pool, Deadline.after(budget), seed=seed, rel_error=rel_error)
+
+
+def estimate(sample: np.ndarray, bias: float = 0.0) -> Estimate:
+    error = float(sample.std(ddof=1)) / math.sqrt(len(sample))
+    return Estimate(value=float(sample.mean()), standard_error=error, bias=bias)
+
+
+def apart(one: Estimate, two: Estimate) -> Estimate:
+    """The difference of two independent estimates."""
+    return Estimate(
+        value=one.value - two.value,
+        standard_error=math.hypot(one.standard_error or 0.0, two.standard_error or 0.0),
+        bias=(one.bias or 0.0) + (two.bias or 0.0),
+    )

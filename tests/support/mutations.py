@@ -16,7 +16,7 @@ from scipy.io import savemat
 from stochvi.scenes.datasets import data_folder, zoo_files
 from stochvi.scenes.readers import TIME_RESPONSE
 from support.known import to_toml
-from support.uff import write_uff
+from support.records import write_uff
 
 BARE = re.compile(
     r"math domain error|math range error|division by zero|divide by zero|Singular matrix|"

@@ -45,12 +45,11 @@ from stochvi.scenes.impact_laws import (
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator
 from stochvi.testing import assert_agrees
-from support.accuracies import quick_cases
+from support.accuracies import apart, estimate, quick_cases
 from support.known import values
 from support.mounts import truck, two_stages
 from support.naive import kick_flow_kick_with_forces, normals, penalty_euler
 from support.one_mass import Flown, fly, still
-from support.samples import apart, estimate
 from support.soft_stops import (
     BALL,
     BUMPER,

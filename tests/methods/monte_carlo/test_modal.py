@@ -65,12 +65,11 @@ from stochvi.scenes.impact_laws import Law
 from stochvi.scenes.structures import Matrices, RigidBody
 from stochvi.testing import assert_agrees
 from support import CHECKOUT
-from support.accuracies import quick_cases
+from support.accuracies import apart, quick_cases
 from support.boxes import box, scene_with
 from support.known import RIGID_STOPS, oscillator, values
 from support.mounts import two_stages
 from support.naive import kick_flow_kick, normals
-from support.samples import apart
 
 QUANTITIES = ("displacement_std", "velocity_std", "impact_speed_rate", "impact_speed_square_rate")
 
