@@ -265,12 +265,11 @@ def ranked(model: Model, mission: float) -> tuple[dict[str, GapRisk], Chance]:
     looked = _looked_at(rate)
     clusters = None if model.sines else _clusters(model, looked, place, speed)
     first, low = rate.copy(), outside.copy()
-    for each in looked:
-        if clusters is None:
-            break
-        both, last = clusters.counted(own := stops.at([each]), mission)
-        first[each] = last.sum()
-        low[each] = max(low[each], least(both, own.rate * mission))
+    if clusters is not None:
+        for each in looked:
+            both, last = clusters.counted(own := stops.at([each]), mission)
+            first[each] = last.sum()
+            low[each] = max(low[each], least(both, own.rate * mission))
     hazard = first * mission - np.log1p(-np.minimum(outside, CERTAIN))
     high = np.minimum(outside + rate * mission, 1.0)
     value = np.clip(-np.expm1(-hazard), low, high)
@@ -345,14 +344,15 @@ def _of_bounds(chance: float, lower: float, upper: float, seconds: float) -> Cha
 
 
 def among(chance: Chance, gaps: Mapping[str, GapRisk], simulated: Sequence[str]) -> Chance:
-    """The probability of an impact on any gap, from that on those that were simulated: the others
-    are its bias, by the upper bounds of theirs."""
+    """The probability of an event on any gap, from that on those that were simulated: the bounds
+    of the others are added to its bias and to its upper ends."""
     others = math.fsum(each.at_most for name, each in gaps.items() if name not in simulated)
     known = chance.estimate
-    more = others * (1.0 - known.value)
+    bias = None if known.bias is None else known.bias + min(others, 1.0 - known.value)
+    most = None if known.upper_95 is None else min(known.upper_95 + others, 1.0)
     return replace(
-        chance, estimate=replace(known, bias=None if known.bias is None else known.bias + more),
-        upper=min(chance.upper + more, 1.0),
+        chance, estimate=replace(known, bias=bias, upper_95=most),
+        upper=min(chance.upper + others, 1.0),
         why=f"{chance.why}; the first {len(simulated)} gaps alone, all others close in at most "
         f"{spoken_percent(min(others, 1.0))} of missions",
     )  # fmt: skip
