@@ -72,9 +72,13 @@ def other_sizing(question: Question, other: dict[str, Any]) -> Show | None:
     from stochvi.isolators.sizing.size import is_not_gaussian
 
     if scene.phases or is_not_gaussian(scene):
-        alone = "noise that is not Gaussian, or shocks,"
+        alone = "noise that is not Gaussian, shocks, or a spring or damper that is a function,"
         what = "a scene with phases" if scene.phases else alone
-        part = "size one phase, as FILE.toml#PHASE" if scene.phases else "leave it out"
+        part = (
+            "size one phase, as FILE.toml#PHASE"
+            if scene.phases
+            else "leave it out, and sweep a key of the scene with --method size instead"
+        )
         _refuse(what, given, tuple(name for name in NEVER_WITH if name != "common"), part)
         asked = {name: each for name, each in given.items() if name not in NEVER_WITH}
         question.asks(question.of, "phases", asked | {"common": given["common"] or []})

@@ -40,7 +40,8 @@ from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody
 from stochvi.scenes.validation import moved
-from stochvi.statistics.trial_splitting import has_fast_peaks, without_peaks
+from stochvi.statistics.free_flights import linearised
+from stochvi.statistics.trial_splitting import has_fast_peaks
 
 # ------------------------------------------------------------------------------
 # The stops of a scene, moved to given clearances.
@@ -288,6 +289,12 @@ OF_PEAKS = (
     "here; size and reliability count its own"
 )
 """What a screening says beside a kurtosis."""
+
+LINEARISED = (
+    "the mount is linearised at its own rms motion, which tells little of rare impacts; clearance "
+    "counts impacts on the mount itself, and size and reliability find rare ones"
+)
+"""What a screening says of a spring or damper that is a function."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -598,8 +605,8 @@ def screen(
 def screened(scene: Scene) -> Screening:
     """The answer of `screen`, for calculations that need it on their way."""
     stated = model_of(scene)
-    model = without_peaks(stated)
     try:
+        model = linearised(stated)
         motion = free_motion(model, with_sines=True)
     except NotApplicable as reason:
         raise NotApplicable("screening", reason.conditions) from reason
@@ -637,6 +644,7 @@ def screened(scene: Scene) -> Screening:
             *scene_notes(model),
             *scene.at_means(),
             *([OF_PEAKS] if has_fast_peaks(stated) else []),
+            *([LINEARISED] if stated.functions else []),
         ),
         record=record_verdict(scene),
         provenance=provenance(scene.document()),
@@ -970,7 +978,7 @@ def _closure_rates(
     share of the time that is left."""
     try:
         found = linearise(scene, budget=deadline.part(share)).impact_pairs
-    except (NotConverged, Interrupted):
+    except (NotConverged, Interrupted, NotApplicable):  # hysteresis between stops has no closure
         return {}
     return {name: _value(hits.collision_rate) for name, hits in found.items()}
 

@@ -43,6 +43,7 @@ from stochvi.views.sizing import (
 )
 from stochvi.views.statistics import damage_told, plot_damage
 from stochvi.views.tables import (
+    NEVER_TOLERANCES,
     WITHOUT_TOLERANCES,
     four_digits,
     limits_of,
@@ -485,9 +486,9 @@ def clearance_told(found: ClearanceAnswer) -> Told:
     """The clearance to make, the line to copy, and what decides."""
     if isinstance(found, MissionSizing):
         more = {"assumptions": found.assumptions}
-        return _told(found, [WITHOUT_TOLERANCES], [_phases(found)], **more)
+        return _told(found, [NEVER_TOLERANCES], [_phases(found)], **more)
     assert isinstance(found, DamageSizing)
-    return _told(found, [WITHOUT_TOLERANCES], [_damage(found)])
+    return _told(found, [NEVER_TOLERANCES], [_damage(found)])
 
 
 def _phases(found: MissionSizing) -> Section:

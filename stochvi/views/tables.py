@@ -90,7 +90,8 @@ def modes_in_rows(modes: Sequence[NaturalMode]) -> list[dict[str, Any]]:
 UNKNOWN = "not known"
 
 WITHOUT_TOLERANCES = "Not included: tolerances (--tolerances usual), usually 1.7 to 2 times as much"
-"""Sentence of an answer whose clearance holds no tolerances."""
+NEVER_TOLERANCES = "Not included: tolerances, usually 1.7 to 2 times as much"
+"""Sentences of an answer whose clearance holds no tolerances, and of one that never does."""
 
 OF_ONE_MOUNT = (
     "One direction of motion; no rocking, and no coupling of directions.",

@@ -11,14 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stochvi import Isolator, Scene, WhiteNoise, reliability
+from stochvi import ConstantLoad, Isolator, Scene, WhiteNoise, reliability, screen, simulate, size
+from stochvi.isolators.tolerances import Tolerances
+from stochvi.methods.monte_carlo.choose_plan import plan_histories
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.characteristics import BoucWen, Coulomb, Duffing, SpringTable
 from stochvi.scenes.excitations import Sine, TabulatedNoise
 from stochvi.scenes.impact_laws import Restitution
+from stochvi.scenes.phases import Phase
 from stochvi.scenes.scene import ImpactPair
+from stochvi.scenes.structures.rigid_body import Mount, RigidBody
 from stochvi.statistics.free_flights import FreeFlights, followed, linearised
 from stochvi.statistics.trial_splitting import windows_of
 from tests.support.plain_mounts import G, PlainMount
@@ -245,3 +249,100 @@ def test_rare_contacts_are_as_frequent_as_by_levels_of_amplitude(
     # negative control: a tenth more clearance
     rate, off = judged(1.1 * clearance)
     assert apart(found, -math.expm1(-60.0 * rate), 60.0 * off) > Z
+
+
+def test_loads_and_tolerances_beside_functions_are_refused() -> None:
+    hanging = mount(0.01, damper=Coulomb(force=5.0)).replace(
+        excitations=[WHITE, ConstantLoad(acceleration=9.81)]
+    )
+    with pytest.raises(NotApplicable, match="let reliability judge the stops"):
+        size(hanging, probability=0.01)
+    with pytest.raises(ValueError, match="tolerances must be left out where"):
+        size(
+            mount(0.01, damper=Coulomb(force=5.0)), probability=0.01,
+            tolerances=Tolerances(frequency=0.05),
+        )  # fmt: skip
+    with pytest.raises(NotApplicable, match="clearance counts the impacts on any mount"):
+        size(mount(0.01, damper=Coulomb(force=5.0)), rate=1.0)
+
+
+def test_a_screening_says_that_the_mount_is_linearised() -> None:
+    case = CASES["measured"]
+    found = screen(mount(0.01, TABLE, **case.structure))
+    assert any("linearised at its own rms motion" in each for each in found.notes)
+    random = simulate(mount(1.0, TABLE, **case.structure), paths=64, duration=5.0, seed=1)
+    rms = random.coordinates["x"].displacement_std
+    assert rms is not None
+    # it states no bound; a piecewise linear spring is far from its closure by a few per cent
+    assert abs(found.displacement_std - rms.value) < 0.1 * rms.value
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "shares", [(1.0,), pytest.param((0.5, 0.3, 0.2), marks=pytest.mark.verify)]
+)
+def test_a_sized_clearance_keeps_its_probability(shares: Sequence[float]) -> None:
+    """In a mission of one phase or several, by another seed."""
+    case, mission, wanted = CASES["measured"], 60.0, 0.05
+    phases = [Phase(name=f"part {k}", duration=mission * each) for k, each in enumerate(shares)]
+
+    def at(clearance: float) -> Scene:
+        scene = mount(clearance, TABLE, **case.structure)
+        return scene.replace(phases=phases) if len(shares) > 1 else scene
+
+    lasting = None if len(shares) > 1 else mission
+    sized = size(at(0.02), probability=wanted, mission=lasting, rel_error=0.3, budget=600.0)
+    place = sized.clearance.value
+
+    def risk(clearance: float) -> Estimate:
+        found = reliability(at(clearance), mission=lasting, rel_error=0.2, budget=600.0, seed=7)
+        return found.chances["hit"].estimate
+
+    curve = sized.curve
+    lower, upper = (
+        float(np.interp(place, curve["clearance"], curve[name]))
+        for name in ("probability_low", "probability_high")
+    )
+    error = (upper - lower) / 4.0
+    assert abs(float(np.interp(place, curve["clearance"], curve["probability"])) - wanted) < 1e-3
+    assert apart(risk(place), wanted, error) < Z
+    # negative control: 4 mm more
+    assert apart(risk(place + 0.004), wanted, error) > Z
+
+
+@pytest.mark.verify
+def test_a_box_on_wire_rope_is_hit_as_often_as_in_plain_histories() -> None:
+    rope = BoucWen(stiffness=2e4, yield_displacement=5e-4, axis="z")
+    corners = [(0.22, 0.16), (0.22, -0.14), (-0.18, 0.16), (-0.18, -0.14)]
+    scene = Scene(
+        structure=RigidBody(
+            mass=12.0, inertia=[0.20, 0.25, 0.15],
+            mounts=[
+                Mount(at=[x, y, -0.06], stiffness=[1e4] * 3, loss_factor=0.1, spring=rope)
+                for x, y in corners
+            ],
+        ),
+        impact_pairs=[
+            ImpactPair(
+                name="corner", at=[0.24, 0.18, -0.08], direction=[0, 0, 1], clearance=0.009,
+                law=Restitution(coefficient=0.4),
+            )
+        ],
+        excitations=[TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz", axis="z")],
+    )  # fmt: skip
+    (pair,) = model_of(scene).pairs
+    plan = plan_histories(scene.replace(impact_pairs=())).sampled(1.0 / 400.0, 10.0)
+    farthest = [
+        np.abs(
+            np.tensordot(
+                pair.direction, plan.histories(5, k * plan.block, plan.block).displacement, axes=1
+            )
+        ).max(axis=1)
+        for k in range(20)
+    ]
+    hit = np.concatenate(farthest) >= 0.009
+    share = float(hit.mean())
+    error = math.sqrt(share * (1.0 - share) / len(hit))
+    found = chance_of(scene, 10.0, 0.1)
+    assert apart(found, share, error) < Z
+    assert apart(chance_of(scene, 20.0, 0.1), share, error) > Z

@@ -52,6 +52,7 @@ from stochvi.scenes.scene import Scene
 from stochvi.scenes.validation import varied
 from stochvi.statistics.crossings import FirstCrossings, PairMotion, largest_error, one_gap
 from stochvi.statistics.damage import Damage, damage
+from stochvi.statistics.free_flights import followed, is_followed, linearised
 from stochvi.statistics.hardness import limits_in
 from stochvi.statistics.mission_parts import INDEPENDENT, Hazard, joined, parts_of_mission
 from stochvi.statistics.reliability.missions import (
@@ -67,7 +68,6 @@ from stochvi.statistics.trial_splitting import (
     has_fast_peaks,
     hazard_curve,
     windows_over,
-    without_peaks,
 )
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ class GapInPhase:
         places = np.array([0.0, FARTHEST * self.sigma])
         rows = np.full((2, 2, len(self.together.motions)), math.inf)
         rows[:, :, self.number] = self.distances(places)
-        kind = windows_over(peaked, places, rows, self.duration, run.seed)
+        kind = followed(windows_over(peaked, places, rows, self.duration, run.seed))
         return hazard_curve(kind, -math.log1p(-probability), self.duration, run)
 
     def distances(self, clearances: Vector) -> Matrix:
@@ -329,11 +329,14 @@ class PhaseOfPairs:
         model = model_of(scene)
         if conditions := modulated(model):
             raise NotApplicable("size", [f"{each} (in phases)" for each in conditions])
+        if model.functions and np.any(model.constant_force):
+            raise NotApplicable("size", [HANGING])
         alone = has_one_gap(model)
         steady = replace(model, level=None)
-        free = one_gap(steady) if alone else steady
-        peaked = free if has_fast_peaks(free) else None
-        motion = PairMotion.under_shocks(without_peaks(free))
+        linear = linearised(steady)
+        free = one_gap(linear) if alone else linear
+        peaked = replace(steady, pairs=free.pairs) if is_followed(steady) else None
+        motion = PairMotion.under_shocks(free)
         pairs = model.pairs or motion.model.pairs
         stated = model_of(as_stated(whole))
         shifts = np.subtract(*(_mean_gaps(each) for each in (model, stated)))
@@ -350,8 +353,8 @@ class PhaseOfPairs:
         return cls(scene=scene, duration=phase.duration, gaps=gaps)
 
     @property
-    def has_fast_peaks(self) -> bool:
-        """Whether noise has fast peaks, so that no formula tells its crossings."""
+    def in_pieces(self) -> bool:
+        """Whether no formula tells its crossings, see `is_followed`."""
         return any(gap.peaked is not None for gap in self.gaps)
 
     def expected(self, clearances: Sequence[float]) -> float:
@@ -377,9 +380,10 @@ def _mean_gaps(model: Model) -> Vector:
 def _check_level(model: Model, shifts: Vector) -> None:
     """Raise `NotApplicable` where noise of varying level does not move one gap alone."""
     felt_by(model)
-    if len(shifts) > 1 or model.sines or np.any(shifts) or has_fast_peaks(model):
+    if len(shifts) > 1 or model.sines or np.any(shifts) or is_followed(model):
         several = "several pairs" if len(shifts) > 1 else "a mount that hangs lower in a phase"
         beside = "fast peaks" if has_fast_peaks(model) else several
+        beside = "a spring or damper that is a function" if model.functions else beside
         got = "a sine beside it" if model.sines else beside
         raise NotApplicable(
             "size",
@@ -468,7 +472,7 @@ class AnyPair:
 
     def simulated(self, run: Run) -> AnyPair:
         """The same from first crossings of all gaps together, or pieces of their motion."""
-        if self.phase.has_fast_peaks:
+        if self.phase.in_pieces:
             curve = self._under_peaks(run)
             return replace(self, curve=curve, reached=curve.reached)
         together = self.phase.gaps[0].together
@@ -495,7 +499,7 @@ class AnyPair:
         places = np.linspace(0.0, FARTHEST_PLACE * self.shared.places.max(), PLACES)[1:]
         clearances = np.array([self.shared.at(each) for each in places])
         rows = np.stack([gap.distances(clearances[:, gap.number]) for gap in gaps], axis=2)
-        kind = windows_over(peaked, places, rows, duration, run.seed)
+        kind = followed(windows_over(peaked, places, rows, duration, run.seed))
         most, least = (float(each) for each in self.shared.hazards[[0, -1]])
         return hazard_curve(kind, most / RANGE, duration, run, most / least)
 
@@ -538,10 +542,16 @@ def any_pair(
 
 
 IN_PIECES = (
-    "noise with fast peaks moves pieces of the motion as it comes; a splitting finds how far they "
-    "reach"
+    "pieces of the motion without stops are followed as they come, and a splitting finds how far "
+    "they reach"
 )
-"""How the risk under a steady kurtosis is found."""
+"""How the risk is found under a steady kurtosis, and on springs and dampers that are functions."""
+
+HANGING = (
+    "loads must be left out where a spring or damper is a function: it is not known where the "
+    "mass hangs; let reliability judge the stops of the scene"
+)
+"""Why a clearance has no place to be measured from."""
 
 FARTHEST_SIZED = 20.0
 """Clearance in the largest rms displacement of a phase beyond which Gaussian noise is never sized;
@@ -555,9 +565,10 @@ def size_mission(
     if target.name != "probability":
         raise NotApplicable(
             "size",
-            [f"the target must be a probability where the scene has phases, shocks or noise of "
-             f"varying level, got {target.name}; size one phase, named as FILE.toml#PHASE; "
-             "reliability then judges the mission"],
+            [f"the target must be a probability where the scene has phases, shocks, noise of "
+             f"varying level, or springs that are functions, got {target.name}; size one phase, "
+             "named as FILE.toml#PHASE; reliability then judges the mission; clearance counts the "
+             "impacts on any mount"],
         )  # fmt: skip
     if differing := [key for key, _ in varied(scene)]:
         raise NotApplicable(
@@ -610,7 +621,7 @@ def size_mission(
             *([INDEPENDENT] if len(phases) > 1 else []),
             *spoken_lags({name: each.scene for name, each in phases.items()}, scene.phases),
             *([FOLLOWED] if any(each.scene.random_level for each in phases.values()) else []),
-            *([IN_PIECES] if any(each.has_fast_peaks for each in phases.values()) else []),
+            *([IN_PIECES] if any(each.in_pieces for each in phases.values()) else []),
             *(f"phase {name} adds less than {_limit(share)} to the risk; Rice's formula bounds it"
               for name, share in idle.items()),
             *(
@@ -679,7 +690,7 @@ def _felt(phases: Mapping[str, PhaseOfPairs], expected: Mapping[str, float]) -> 
     return [
         name
         for name, each in expected.items()
-        if each > NEGLIGIBLE * most or phases[name].has_fast_peaks
+        if each > NEGLIGIBLE * most or phases[name].in_pieces
     ]
 
 
@@ -1058,10 +1069,10 @@ def size(
 
 
 def is_not_gaussian(scene: Scene) -> bool:
-    """Whether a scene without phases is sized as a mission of one phase: its noise varies in level
-    or has fast peaks, or shocks come beside it."""
+    """Whether a scene without phases is sized as a mission of one phase. Its noise varies in level
+    or has fast peaks, shocks come beside it, or a spring or damper is a function."""
     level, shocks = scene.random_level, scene.has_shocks
-    return level is not None or shocks or has_fast_peaks(model_of(scene))
+    return level is not None or shocks or is_followed(model_of(scene))
 
 
 def _check_names(scene: Scene, name: str, given: Sequence[str]) -> None:
@@ -1110,8 +1121,8 @@ def _of_phases(
     for name, value in {"mission": mission, **others}.items():
         if value is not None:
             raise ValueError(
-                f"{name} must be left out where the scene has phases, shocks or noise of varying "
-                f"level, got {value}"
+                f"{name} must be left out where the scene has phases, shocks, noise of varying "
+                f"level, or springs that are functions, got {value}"
             )
     _check_names(scene, "common", common)
     try:
