@@ -378,6 +378,8 @@ class Model:
     drawn
         Excitations that are not Gaussian and are drawn for a whole record, with the forces per
         unit of each: shocks at random times, and noise with fast peaks.
+    knows_mass
+        Whether the mass is stated; else `mass` is that of 1 kg, and energies are not known.
 
     Examples
     --------
@@ -417,6 +419,7 @@ class Model:
     sampled_modulations: tuple[Table, ...] = ()
     level: RandomLevel | None = None
     drawn: tuple[tuple[Pulses | FastPeaks, Vector], ...] = ()
+    knows_mass: bool = True
 
     @cached_property
     def modal(self) -> ModalForm:
@@ -830,6 +833,7 @@ def _build_model(scene: Scene) -> Model:
         drag=drag,
         level=scene.random_level,
         drawn=tuple(_drawn(scene, shaken)),
+        knows_mass=structure.knows_mass,
     )
     placed: dict[bool, list[Placed]] = {True: [], False: []}
     for each in structure.functions:

@@ -1,6 +1,6 @@
-"""How hard an impact is: by its speed, or by the acceleration while a stop is touched. A kind of
-hardness is a class here, which everything that limits the hardest impact of a mission finds by its
-name; a kind that is added here is known to all of them."""
+"""How hard an impact is: by its speed, its energy, or the acceleration while a stop is touched. A
+kind of hardness is a class here, which everything that limits the hardest impact of a mission finds
+by its name; a kind that is added here is known to all of them."""
 
 from __future__ import annotations
 
@@ -27,11 +27,15 @@ class HardestImpact(TypedDict, total=False):
     ----------
     impact_speed
         Limit of the incident speed of any impact, m/s.
+    impact_energy
+        Limit of the energy m w^2 / 2 with which any impact strikes, J: w is its speed, m the
+        reduced mass of its pair. It needs the mass of the structure.
     peak_acceleration
         Limit of the absolute acceleration in any contact, m/s^2; it needs stops with a stiffness.
     """
 
     impact_speed: float | None
+    impact_energy: float | None
     peak_acceleration: float | None
 
 
@@ -222,6 +226,29 @@ class ImpactSpeed(FromSpeed):
 
     def speed_of(self, model: Model, pair: Pair, limit: Limit) -> float:
         return limit.value
+
+
+class ImpactEnergy(FromSpeed):
+    """The energy m w^2 / 2 with which an impact strikes, m the reduced mass of its pair."""
+
+    name, unit = "impact_energy", "J"
+    words, above, too = "impact energy", "an impact of more than", "too energetic an impact"
+    argument = "E[J] (energy)"
+    help = (
+        "largest energy of an impact of the mission, m w^2 / 2 with the reduced mass of its pair, "
+        "J; it needs the mass of the structure"
+    )
+
+    def unmet(self, model: Model) -> list[str]:
+        if model.knows_mass:
+            return []
+        return ["impact_energy needs structure.mass (kg), got none; give it, or limit impact_speed"]
+
+    def at(self, speed: Vector, mass: float | Vector) -> Vector:
+        return mass * speed**2 / 2.0
+
+    def speed_of(self, model: Model, pair: Pair, limit: Limit) -> float:
+        return math.sqrt(2.0 * limit.value / pair.mass)
 
 
 class PeakAcceleration(Hardness):

@@ -182,7 +182,7 @@ def test_the_picture_holds_rice_three_sigma_and_the_answer(by_python: Sizing) ->
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ((), "give exactly one of --probability, --rate, --impact-speed, --peak-acceleration"),
+        ((), "give exactly one of --probability, --rate, --impact-speed, --impact-energy, --"),
         (("--probability", "200,0%"), "probability must be in (0, 0.999], got 2; 1 % is 0.01"),
         (("--probability", "2"), "probability must be in (0, 0.999], got 2; 1 % is 0.01"),
         (
@@ -199,6 +199,8 @@ def test_the_picture_holds_rice_three_sigma_and_the_answer(by_python: Sizing) ->
             "must be a number with a unit of acceleration (g, m/s2)",
         ),
         (("--peak-acceleration", "30g"), "needs the stiffness of the stops"),
+        (("--impact-energy", "5N"), "must be a number with a unit of energy (J, mJ)"),
+        (("--impact-energy", "5J"), "impact_energy needs structure.mass (kg), got none; give it"),
         (("--rate", "1", "--mission", "-1"), "mission must be a positive"),
         (("--probability", "0.1", "--rel-error", "2"), "--rel-error must be in"),
     ],
@@ -416,7 +418,7 @@ unit = "g2/Hz"
     [
         (
             ["size"],
-            "give exactly one of --probability, --rate, --impact-speed, --peak-acceleration",
+            "give exactly one of --probability, --rate, --impact-speed, --impact-energy, --",
         ),
         (["simulate", "--rel-error", "2"], "--rel-error must be in [1e-6, 1), got 2"),
         (["simulate", "--rel-error", "0.1", "--paths", "8"], "give --rel-error or --paths, not"),

@@ -620,6 +620,7 @@ def test_a_record_is_replayed_for_each_row(tmp_path: Path) -> None:
         (("--method", "reliability"), "needs --mission"),
         (("--method", "replay", "--mission", "10h"), "--mission is for --method size or reliab"),
         (("--probability", "0.1"), "--probability is for --method size alone"),
+        (("--impact-energy", "5J"), "--impact-energy is for --method size or reliability"),
     ],
 )
 def test_options_of_other_methods_are_refused(

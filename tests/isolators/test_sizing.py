@@ -269,6 +269,18 @@ def test_a_largest_impact_speed_against_whole_missions() -> None:
     assert half * slope < 0.5 * exceedance
 
 
+@pytest.mark.slow
+def test_a_largest_energy_is_sized_as_the_speed_that_brings_it() -> None:
+    """Of 4 kg; as if of 1 kg, the speed is twice as large and the clearance smaller."""
+    mount = Isolator(mass=4.0, frequency_hz=12.0, zeta=0.1)
+    scene, asked = truck(HALF).replace(structure=mount), dict[str, Any](mission=40.0)
+    asked |= {"exceedance": 0.1, "rel_error": 0.3, "seed": 4}
+    found = size(scene, impact_energy=0.18, **asked)
+    assert found.clearance == size(scene, impact_speed=0.3, **asked).clearance
+    assert found.clearance.value > size(scene, impact_speed=0.6, **asked).clearance.upper
+    assert "An impact of more than 0.18 J in 40 s: less than 10 %" in found.verdict()
+
+
 def test_static_sag_and_single_stops_are_kept() -> None:
     scene = Scene(
         structure=Isolator(frequency_hz=10.0, zeta=0.05),

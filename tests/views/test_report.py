@@ -35,7 +35,7 @@ from stochvi.isolators.sizing.answer import Sizing, Target
 from stochvi.isolators.sizing.review import PeakSettings, Review, ReviewSettings, review
 from stochvi.isolators.sizing.sensitivity import worst_case
 from stochvi.isolators.tolerances import Tolerances
-from stochvi.mathematics.units import ACCELERATION, STANDARD_GRAVITY
+from stochvi.mathematics.units import ACCELERATION, STANDARD_GRAVITY, shown_in, units_of
 from stochvi.results.base import named_with_units
 from stochvi.results.estimates import Estimate, plus_minus, spoken_percent
 from stochvi.results.files import Origin, origin_of
@@ -48,8 +48,8 @@ from stochvi.views.report.sections import (
     gap_section,
     mount_section,
 )
-from stochvi.views.report.sizing import sizing_page
-from stochvi.views.sizing import plot_input, plot_risk
+from stochvi.views.report.sizing import hard_hits_section, sizing_page
+from stochvi.views.sizing import plot_exceedances, plot_input, plot_risk
 from stochvi.views.tables import TINY
 from support.commands import Run
 from support.sized import TRUCK, scene_between_stops, sizing_of
@@ -507,6 +507,18 @@ def test_cards_tell_the_limit_that_is_kept(reviewed: Review) -> None:
     assert "95 %" not in cards["Calculated as stated"].remark
     assert "95 % limit of the probability: 0.1 %" in " ".join(page.sections[0].notes)
     assert "; less may be enough. A peak acceleration above 30 g in 1 h: less than" in page.verdict
+
+
+def test_hard_impacts_are_told_in_the_unit_of_their_hardness(reviewed: Review) -> None:
+    assert reviewed.exceedances is not None
+    table = reviewed.exceedances.assign(event="impact_energy", limit=5.0, mark=True)
+    found = replace(reviewed, exceedances=table)
+    section = hard_hits_section(found)
+    assert "the impact energy of any impact" in section.lead and "above 5 J" in repr(section.grids)
+    with shown_in(units_of("mJ")):
+        ax = plot_exceedances(found)
+    assert "above 5e+03 mJ" in ax.get_legend_handles_labels()[1]
+    plt.close(ax.get_figure())
 
 
 @pytest.mark.usefixtures("blank_pictures")

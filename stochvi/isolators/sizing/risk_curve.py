@@ -433,7 +433,7 @@ def exceedances(
         is left.
     """
     event, run = event or event_of(scene), Run.of(options)
-    hardness_of(event)  # refuses others before any work
+    hardness_of(event).check(model_of(scene))  # before any work
     seen: list[TrialExtremes] = []
     for number, clearance in enumerate(clearances):
         stopped = at_clearances(scene, clearance)
