@@ -94,7 +94,7 @@ def chance(scene: Scene, mission: float, **asked: Any) -> Estimate:
     ("noise", "clearance", "speed", "mission", "asked"),
     [
         (WHITE, 6e-3, 0.2, 1.0, {"start": "rest", "way": "crude"}),
-        (TABLE, 8e-3, 0.3, 60.0, {}),
+        pytest.param(TABLE, 8e-3, 0.3, 60.0, {}, marks=pytest.mark.slow),
     ],
     ids=["white", "table"],
 )
