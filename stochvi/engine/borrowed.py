@@ -13,23 +13,35 @@ A named tuple is otherwise handed on as all its numbers, of which an array has t
 writes them anew. A borrowed one is an address. Only its members can be read, by their names, and it
 must not be returned: it ends with the function that borrowed it. It is read before a loop over
 lanes: in the loop, what it holds might have changed for all that the compiler knows.
+
+numba takes apart what Python hands to a kernel, by code for each array that takes long to compile.
+A tuple that is `lent` is an address here as well:
+
+    kernel(lent(room))
 """
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
-from typing import TypeVar
+import struct
+from functools import cached_property
+from typing import Any, TypeVar
 
-from numba.core import cgutils, types
+import numpy as np
+from numba import typeof
+from numba.core import cgutils, config, types
 from numba.core.datamodel import models
 from numba.core.imputils import lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
+    NativeValue,
     infer_getattr,
     lower_builtin,
     lower_cast,
     register_model,
     type_callable,
+    unbox,
 )
 
 Given = TypeVar("Given")
@@ -104,7 +116,7 @@ class BorrowedMembers(AttributeTemplate):
     def generic_resolve(self, borrowed, name):
         if name not in borrowed.kind.fields:
             return None
-        return _type_of(borrowed.member(name)[1])
+        return type_when_borrowed(borrowed.member(name)[1])
 
 
 @lower_getattr_generic(BorrowedTuple)
@@ -125,7 +137,7 @@ def hold(value: object) -> None:
     """Keep an array, or the arrays of a tuple, until here."""
 
 
-def _type_of(kind):
+def type_when_borrowed(kind):
     """The type of a borrowed value of a type."""
     ownerless = _ownerless(kind)
     return BorrowedTuple(ownerless) if isinstance(kind, types.BaseNamedTuple) else ownerless
@@ -165,9 +177,101 @@ def _value_of(context, builder, kind, value):
     return value
 
 
+class Lent:
+    """A named tuple as kernels know a borrowed one, which this keeps."""
+
+    def __init__(self, value: tuple[Any, ...]) -> None:
+        self._value = value
+        self._numba_type_, self._format = described(value)
+
+    @cached_property
+    def _memory(self) -> Any:
+        """The tuple as compiled code holds it."""
+        numbers: list[Any] = []
+        _lay_out(self._value, numbers)
+        return ctypes.create_string_buffer(self._format.pack(*numbers))
+
+    @property
+    def address(self) -> int:
+        """The address, for as long as this lives."""
+        return ctypes.addressof(self._memory)
+
+    def __reduce__(self) -> Any:
+        """Let the tuple travel to another process, where it has another address."""
+        return Lent, (self._value,)
+
+
+def lent(value: Given) -> Given:
+    """A named tuple for a kernel, which gets its address; None, and any value where nothing is
+    compiled, as it is."""
+    if value is None or config.DISABLE_JIT:
+        return value
+    return Lent(value)  # type: ignore[return-value, arg-type]
+
+
+_DESCRIBED: dict[Any, tuple[Any, struct.Struct]] = {}
+"""What `described` returns, which numba takes milliseconds to find, by `_class_of` the value."""
+
+
+def described(value: Any) -> tuple[Any, struct.Struct]:
+    """The type of a value when it is borrowed, and the format of its numbers in compiled code."""
+    key = _class_of(value)
+    if key not in _DESCRIBED:
+        kind = type_when_borrowed(typeof(value))  # type: ignore[no-untyped-call]
+        _DESCRIBED[key] = kind, struct.Struct(_format_of(value))
+    return _DESCRIBED[key]
+
+
+def _class_of(value: Any) -> Any:
+    """What tells values of two types apart."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.char, value.ndim, value.flags.num & ~OWNS
+    if isinstance(value, tuple):
+        return type(value), *map(_class_of, value)
+    return id(getattr(value, "_numba_type_", type(value)))
+
+
+OWNS = 4
+"""The flag of an array that owns its memory, which its type does not tell."""
+
+
+def _format_of(value: Any) -> str:
+    """Format of a value as compiled code holds it, for `struct`."""
+    if isinstance(value, tuple):  # begins and ends at whole words
+        return "".join(["0q", *map(_format_of, value), "0q"])
+    if isinstance(value, np.ndarray):
+        return f"PPqqP{2 * value.ndim}q"
+    if value is None or hasattr(value, "_numba_type_"):
+        return "P"
+    return {types.boolean: "?", types.int64: "q", types.float64: "d"}[typeof(value)]
+
+
+def _lay_out(value: Any, numbers: list[Any]) -> None:
+    """Append the numbers of a value as compiled code holds it."""
+    if isinstance(value, np.ndarray):
+        place = value.__array_interface__["data"][0]
+        numbers += (0, 0, value.size, value.itemsize, place, *value.shape, *value.strides)
+    elif isinstance(value, tuple):
+        for each in value:
+            _lay_out(each, numbers)
+    elif value is None:
+        numbers.append(0)
+    else:
+        numbers.append(value.address if hasattr(value, "_numba_type_") else value)
+
+
+@unbox(BorrowedTuple)
+def read_address(kind, value, context):
+    """The address that `Lent` holds."""
+    address = context.pyapi.object_getattr_string(value, "address")
+    pointer = context.pyapi.long_as_voidptr(address)
+    context.pyapi.decref(address)
+    return NativeValue(context.builder.bitcast(pointer, context.context.get_value_type(kind)))
+
+
 @type_callable(borrowed)
 def type_of_borrowed(context):
-    return _type_of
+    return type_when_borrowed
 
 
 @lower_builtin(borrowed, types.Any)

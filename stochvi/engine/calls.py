@@ -3,11 +3,13 @@ Chapters: addresses; laws of stops; the stops of a structure in tables; drives w
 drawn; springs and dampers; functions that are averaged over time.
 
 A function that is compiled apart from the kernels that call it is known to them by its address. A
-kernel is therefore compiled once, whichever function it calls. Addresses hold for one process.
+kernel is therefore compiled once, whichever function it calls, and without one that is never
+called. Addresses hold for one process.
 """
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable
 from functools import cache, lru_cache
@@ -15,10 +17,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba.core import cgutils, config, types
-from numba.extending import lower_builtin, type_callable
+from numba.extending import lower_builtin, models, register_model, type_callable, unbox
 from numpy.typing import NDArray
 
 from stochvi.engine.arithmetic import uniform_of, word_of_step
+from stochvi.engine.borrowed import described, read_address
 from stochvi.engine.compiling import kernel
 from stochvi.engine.impact_laws import compiled_of
 from stochvi.engine.parts import (
@@ -48,7 +51,6 @@ def call_by_address(signature: Any) -> Callable[..., Any]:
 
     Without compilation the function stands in the place of its address.
     """
-    kinds = signature.args
 
     def call(function, arguments):
         return function(*arguments)
@@ -59,17 +61,87 @@ def call_by_address(signature: Any) -> Callable[..., Any]:
 
     @lower_builtin(call, types.Integer, types.BaseTuple)
     def write_call(context, builder, call, values):
-        given = [
-            context.cast(builder, builder.extract_value(values[1], k), argument, wanted)
-            for k, (argument, wanted) in enumerate(zip(call.args[1], kinds, strict=True))
-        ]
-        native = [context.get_value_type(each) for each in kinds]
-        result = context.get_value_type(signature.return_type)
-        pointer = cgutils.ir.FunctionType(result, native).as_pointer()
-        return builder.call(builder.inttoptr(values[0], pointer), given)
+        address = builder.inttoptr(values[0], cgutils.voidptr_t)
+        return emit_call(context, builder, address, call.args[1], values[1], signature)
 
     call.made_of = {object: (type_of_call, write_call)}
     return call
+
+
+def emit_call(context, builder, address, given, arguments, signature):
+    """Emit the call of a function of a signature, with a tuple of arguments of `given` types."""
+    values = [
+        context.cast(builder, builder.extract_value(arguments, k), argument, wanted)
+        for k, (argument, wanted) in enumerate(zip(given, signature.args, strict=True))
+    ]
+    native = [context.get_value_type(each) for each in signature.args]
+    result = context.get_value_type(signature.return_type)
+    pointer = cgutils.ir.FunctionType(result, native).as_pointer()
+    return builder.call(builder.bitcast(address, pointer), values)
+
+
+class ApartType(types.Type):  # type: ignore[misc, name-defined]
+    """The type of the address of a function of a signature."""
+
+    def __init__(self, signature: Any) -> None:
+        self.signature = signature
+        digest = hashlib.sha256(str(signature).encode()).hexdigest()[:16]
+        super().__init__(name=f"apart({digest})")
+
+
+register_model(ApartType)(models.OpaqueModel)
+unbox(ApartType)(read_address)
+
+
+class Apart:
+    """A kernel that other kernels call by its address, in the place of `call_apart`."""
+
+    def __init__(self, function: Any, signature: Any, wanted: bool) -> None:
+        self._numba_type_ = ApartType(signature)
+        self.address = address_of(function, signature) if wanted else 0
+
+
+def apart(
+    function: Any, example: tuple[Any, ...], *, wanted: bool = True, returns: Any = types.none
+) -> Any:
+    """A kernel that is compiled apart from those that call it, by `call_apart` with such arguments,
+    whose tuples are borrowed; without compilation the function.
+
+    It is compiled where it is `wanted` only: elsewhere no kernel may call it.
+    """
+    if config.DISABLE_JIT:
+        return function
+    kinds = tuple(described(each)[0] for each in example)
+    key = function, tuple(map(id, kinds)), returns, wanted
+    if key not in _APART:
+        _APART[key] = Apart(function, returns(*kinds), wanted)
+    return _APART[key]
+
+
+_APART: dict[Any, Apart] = {}
+"""What `apart` has made, by the function, the types of its arguments, and whether it is wanted."""
+
+
+def call_apart(function, arguments):
+    """What a function that is compiled apart returns."""
+    return function(*arguments)
+
+
+@type_callable(call_apart)
+def type_of_call_apart(context):
+    def typer(function, arguments):
+        agree = tuple(map(types.unliteral, arguments)) == function.signature.args
+        return function.signature.return_type if agree else None
+
+    return typer
+
+
+@lower_builtin(call_apart, ApartType, types.BaseTuple)
+def write_call_apart(context, builder, call, values):
+    return emit_call(context, builder, values[0], call.args[1], values[1], call.args[0].signature)
+
+
+call_apart.made_of = {object: (type_of_call_apart, write_call_apart)}  # type: ignore[attr-defined]
 
 
 # ------------------------------------------------------------------------------
@@ -128,6 +200,14 @@ def rate_of(laws, kind, numbers, row, y, v, push):
     return call_of_stop(laws[kind, 0], (RATE, numbers, row, y, v, push))
 
 
+def press_lanes(
+    law: Any, memory: NDArray[np.float64], lanes: int, numbers: NDArray[np.float64], fastest: float
+) -> None:
+    """`press` of the first lanes on stops with laws of the class of this one."""
+    functions_of([law], lanes=True)
+    _COMPILED_LAWS[type(law)][1](memory, 0, lanes, numbers, fastest)
+
+
 @kernel
 def press_all(laws, kind, memory, low, high, numbers, fastest):
     """`press` of the lanes on stops with laws of the class `kind`."""
@@ -175,14 +255,14 @@ class Stops(NamedTuple):
     kinds : (pairs, 2), number of the class of each law.
     rigid, lossy, smooth : (pairs, 2), traits of each law; a place without a stop counts as rigid.
     numbers : (2 pairs, width), numbers of the law of each stop.
-    order, ranks : (2 pairs,), the stops, 2 j + 1 for the upper one of the pair j, sorted by the
-        classes of their laws; and the place of each in that order.
     thresholds : (pairs,), m/s, speed of the slowest impact that is counted.
     tangents : (pairs,), the pair without stops whose gap is the motion along those of this pair,
         below 0 where nothing rubs; None where no pair rubs, whose friction is then absent from the
         compiled code.
     ratios : (pairs,), reduced mass of the pair over that of its tangent.
     frictions : (pairs, 2), coefficient of friction of each stop.
+    bounces : None where no stop is rigid, whose impacts are then absent from the compiled code;
+        else an empty array.
     rubs : None where no compliant stop rubs, whose friction is then absent from the compiled code;
         else an empty array.
     """
@@ -193,12 +273,11 @@ class Stops(NamedTuple):
     lossy: NDArray[np.bool_]
     smooth: NDArray[np.bool_]
     numbers: NDArray[np.float64]
-    order: NDArray[np.int64]
-    ranks: NDArray[np.int64]
     thresholds: NDArray[np.float64]
     tangents: NDArray[np.int64] | None
     ratios: NDArray[np.float64]
     frictions: NDArray[np.float64]
+    bounces: NDArray[np.float64] | None
     rubs: NDArray[np.float64] | None
 
 
@@ -267,13 +346,13 @@ def stops_of(
         numbers[2 * pair + upper, : len(row)] = row
         kinds[at] = classes.index(type(law))
         rigid[at], lossy[at], smooth[at] = is_rigid(law), is_lossy(law), is_smooth(law)
-    order = np.argsort(kinds.ravel(), kind="stable")
     soft = frictions is not None and bool(np.any(frictions[~rigid] > 0.0))
     stops = Stops(
-        places, kinds, rigid, lossy, smooth, numbers, order, np.argsort(order), thresholds,
+        places, kinds, rigid, lossy, smooth, numbers, thresholds,
         tangents if tangents is not None and bool(np.any(tangents >= 0)) else None,
         np.ones(len(places)) if ratios is None else ratios,
         np.zeros(places.shape) if frictions is None else frictions,
+        np.zeros(0) if any(map(is_rigid, laws.values())) or not laws else None,
         np.zeros(0) if soft else None,
     )  # fmt: skip
     return stops, [example[kind] for kind in classes]

@@ -33,6 +33,7 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
+from numba.core.typed_passes import NopythonRewrites
 from numba.core.types import (  # type: ignore[attr-defined]
     BaseTuple,
     NoneType,
@@ -41,6 +42,7 @@ from numba.core.types import (  # type: ignore[attr-defined]
     unliteral,
 )
 from numba.core.types import Dispatcher as DispatcherType
+from numba.core.untyped_passes import InlineClosureLikes
 
 from stochvi.engine.borrowed import BorrowedTuple
 from stochvi.engine.late_exceptions import disturbed, undisturbed
@@ -286,8 +288,9 @@ def _package(value: Any) -> str:
 # **What compiles fast.** A function costs some 20 ms of CPU time, however short it is. Write small
 # views and casts by `type_callable` and `lower_builtin`, as `engine/arithmetic.py` does, not by
 # `overload`. Write loops for `a[:] = b` and `a += b`, for which numba compiles the texts of errors
-# (1 s). Hand on large named tuples by `borrowed`: a call then takes one address in place of
-# hundreds of numbers. Functions of numbers take `forceinline=True`. `inline="always"` repeats their
+# (1 s). Hand on large named tuples by `borrowed`, from Python by `lent`: a call then takes one
+# address in place of hundreds of numbers. Make arrays in Python. What few scenes need is called by
+# `calls.call_apart`. Functions of numbers take `forceinline=True`. `inline="always"` repeats their
 # passes in each caller; it is for loops over lanes that gain from it.
 #
 # **How a kernel composed of parts declares what it is made of.** A generic function of `parts`
@@ -329,7 +332,7 @@ USED = {
         "get_call_template",
         "get_overload",
     ),
-    Compiler: ("compile_extra",),
+    Compiler: ("compile_extra", "define_pipelines"),
     Flags: ("copy", "values"),
     CompileResultCacheImpl: ("check_cachable", "locator", "rebuild", "reduce"),
 }
@@ -515,7 +518,22 @@ class LinkedCode(codegen.JITCodeLibrary):  # type: ignore[misc]
 
 
 class LinkingCompiler(Compiler):  # type: ignore[misc]
-    """Compiles a function to `LinkedCode`, without wrappers for calls from elsewhere."""
+    """Compiles a function to `LinkedCode`, without wrappers for calls from elsewhere.
+
+    Passes that look for closures and for expressions of whole arrays take a fifteenth of the time.
+    The first are left out of a function that holds no other one, the second of all: such an
+    expression is then made operation by operation.
+    """
+
+    def define_pipelines(self) -> Any:
+        """Return the passes."""
+        found, code = super().define_pipelines(), self.state.func_id.code
+        left_out = {NopythonRewrites}
+        if not any(isinstance(each, CodeType) for each in code.co_consts):
+            left_out.add(InlineClosureLikes)
+        for pipeline in found:
+            pipeline.passes = [each for each in pipeline.passes if each[0] not in left_out]
+        return found
 
     def compile_extra(self, func: Any) -> Any:
         """Compile a function."""

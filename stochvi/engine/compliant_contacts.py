@@ -20,6 +20,7 @@ from stochvi.engine.arithmetic import (
     ROWS_OF_STOP,
     TIME,
     bracketed_root,
+    cleared,
     first_root,
     log_contact,
     log_impact,
@@ -210,14 +211,13 @@ def followed_of(following, lane):
     return Followed(ends, largest[lane])
 
 
-@kernel
-def make_contacts(pairs):
+def make_contacts(pairs: int) -> Contacts:
     """Arrays for that number of pairs."""
     return Contacts(
-        np.zeros((pairs, 2), np.int64), np.zeros((pairs, 2), np.int64), np.zeros((pairs, 6)),
-        np.zeros((pairs, MOMENTS)), np.zeros((pairs, MOMENTS)), np.zeros(pairs, np.int64),
-        np.zeros(1, np.int64), np.zeros((4, pairs)), np.zeros((4, pairs)),
-        np.zeros((4, pairs, 2)), np.zeros((4, pairs, 2)),
+        cleared(pairs, 2, of=np.int64), cleared(pairs, 2, of=np.int64), cleared(pairs, 6),
+        cleared(pairs, MOMENTS), cleared(pairs, MOMENTS), cleared(pairs, of=np.int64),
+        cleared(1, of=np.int64), cleared(4, pairs), cleared(4, pairs),
+        cleared(4, pairs, 2), cleared(4, pairs, 2),
     )  # fmt: skip
 
 
@@ -548,10 +548,9 @@ def apply_event(t, start, step, pair, upper, contacts, stops, laws, responses, t
 
     They began `start` s after the step.
     """
-    peaks, sums, lane, word = tally.peaks, tally.sums, tally.lane, tally.word
+    peaks, sums, lane = tally.peaks, tally.sums, tally.lane
     gaps, inside = contacts.gaps, contacts.inside
-    side, kind, row = 2.0 * upper - 1.0, stops.kinds[pair, upper], 2 * pair + upper
-    stop = stops.places[pair, upper]
+    side, stop = 2.0 * upper - 1.0, stops.places[pair, upper]
     deflection, speed, margin, _ = at_stop(pair, upper, Y, V, 3, contacts, stops, laws)
     if inside[pair, upper] != APART:
         if inside[pair, upper] == WITHDRAWN and deflection > -margin:
@@ -583,8 +582,22 @@ def apply_event(t, start, step, pair, upper, contacts, stops, laws, responses, t
     if not rigid:
         inside[pair, upper] = PUSHES
         return
+    bounce_in_contact(
+        stops.bounces, t, pair, upper, w, step, contacts, stops, laws, responses, tally
+    )
+
+
+@kernel
+def bounce_in_contact(
+    bounces, t, pair, upper, w, step, contacts, stops, laws, responses, tally
+):  # fmt: skip
+    """An impact on a rigid stop at the speed w, m/s, while others push; see `Stops.bounces`."""
+    if bounces is None:
+        return
+    gaps, side = contacts.gaps, 2.0 * upper - 1.0
+    kind, row = stops.kinds[pair, upper], 2 * pair + upper
     # impacts between contacts have the numbers below MOST_BOUNCES
-    uniform = uniform_of(word, MOST_BOUNCES + contacts.struck[0])
+    uniform = uniform_of(tally.word, MOST_BOUNCES + contacts.struck[0])
     contacts.struck[0] += 1
     rebound = rebound_of(laws, kind, stops.numbers, row, w, uniform)
     add_impact(tally, pair, upper, w, rebound)
@@ -734,15 +747,14 @@ class Workspace(NamedTuple):
     stack: NDArray[np.float64]
 
 
-@kernel
-def make_workspace(pairs, states, terms):
+def make_workspace(pairs: int, states: int, terms: int) -> Workspace:
     """Arrays for that number of pairs, of states, and of terms of the responses."""
-    numbers = np.zeros(3 * pairs + padded(3 * pairs + states, BUNDLE))
-    later = np.zeros(padded(terms, TERMS_AT_ONCE))
+    numbers = cleared(3 * pairs + padded(3 * pairs + states, BUNDLE))
+    later = cleared(padded(terms, TERMS_AT_ONCE))
     return Workspace(
         make_contacts(pairs), numbers, numbers[: 6 * pairs].reshape((6, pairs)),
-        numbers[6 * pairs : 6 * pairs + states], np.zeros(MOMENTS), later, np.zeros(2),
-        np.zeros((64, 8)),
+        numbers[6 * pairs : 6 * pairs + states], cleared(MOMENTS), later, cleared(2),
+        cleared(64, 8),
     )  # fmt: skip
 
 
@@ -904,11 +916,13 @@ def put_on_stop(pair, stop, side, gaps, change, responses):
 
 
 @kernel
-def keep_between_stops(gaps, change, stops, laws, responses, tally):
-    """Move the gaps that end beyond rigid stops onto them.
+def keep_between_stops(bounces, gaps, change, stops, laws, responses, tally):
+    """Move the gaps that end beyond rigid stops onto them; see `Stops.bounces`.
 
     A mass that is moved onto one stop may come to lie beyond another, hence several passes.
     """
+    if bounces is None:
+        return
     for _ in range(MOST_SWEEPS):
         moved = False
         for j in range(gaps.shape[1]):
@@ -950,8 +964,7 @@ def until_contact(step, span, impacts, stops, laws, responses, followed, work, t
         if pair == NO_PAIR:
             break
         impacts += 1
-        side, kind, row = 2.0 * upper - 1.0, stops.kinds[pair, upper], 2 * pair + upper
-        stop = stops.places[pair, upper]
+        side, stop = 2.0 * upper - 1.0, stops.places[pair, upper]
         counted = count_touch(tally, pair, upper, w, stops.thresholds[pair])
         move_starts(gaps, first * span, span)
         if followed is not None:
@@ -967,27 +980,42 @@ def until_contact(step, span, impacts, stops, laws, responses, followed, work, t
         gaps[Y0, pair], gaps[V0, pair] = stop, side * w
         if not rigid:
             return pair, upper, span, impacts
-        uniform = uniform_of(tally.word, impacts)
-        rebound = rebound_of(laws, kind, stops.numbers, row, w, uniform)
-        add_impact(tally, pair, upper, w, rebound)
-        tangent = tangent_of(stops.tangents, pair)
-        rebound, push, rubbed = rub_along(
-            stops.tangents, pair, upper, w, rebound, gaps, V0, stops, responses, tally
-        )
-        add_jump(pair, -side * push, 0.0, span, responses, followed, work)
-        if tangent >= 0:
-            add_jump(tangent, rubbed, 0.0, span, responses, followed, work)
-        gaps[Y0, pair], gaps[V0, pair] = stop, -side * rebound
-        pressing = side * gaps[A0, pair]
-        rests = (pressing > 0.0) & (rebound <= RESTING * pressing * step)
-        if rests or impacts >= MOST_BOUNCES - 2 * gaps.shape[1]:
-            resting[pair, upper] = 1
-            taken = put_on_stop(pair, stop, side, gaps, work.change, responses)
-            add_rest(tally, taken, stops, laws, pair, upper)
-            rub_at_rest(
-                stops.tangents, pair, upper, taken, stops, gaps, work.change, responses, tally
-            )  # fmt: skip
+        bounce(
+            stops.bounces, pair, upper, w, step, span, impacts, stops, laws, responses, followed,
+            work, tally,
+        )  # fmt: skip
     return NO_PAIR, 0, 0.0, impacts
+
+
+@kernel
+def bounce(
+    bounces, pair, upper, w, step, span, impacts, stops, laws, responses, followed, work, tally
+):  # fmt: skip
+    """The impact of that number on a rigid stop at the speed w, m/s; see `Stops.bounces`."""
+    if bounces is None:
+        return
+    gaps, stop, side = work.gaps, stops.places[pair, upper], 2.0 * upper - 1.0
+    kind, row = stops.kinds[pair, upper], 2 * pair + upper
+    uniform = uniform_of(tally.word, impacts)
+    rebound = rebound_of(laws, kind, stops.numbers, row, w, uniform)
+    add_impact(tally, pair, upper, w, rebound)
+    tangent = tangent_of(stops.tangents, pair)
+    rebound, push, rubbed = rub_along(
+        stops.tangents, pair, upper, w, rebound, gaps, V0, stops, responses, tally
+    )
+    add_jump(pair, -side * push, 0.0, span, responses, followed, work)
+    if tangent >= 0:
+        add_jump(tangent, rubbed, 0.0, span, responses, followed, work)
+    gaps[Y0, pair], gaps[V0, pair] = stop, -side * rebound
+    pressing = side * gaps[A0, pair]
+    rests = (pressing > 0.0) & (rebound <= RESTING * pressing * step)
+    if rests or impacts >= MOST_BOUNCES - 2 * gaps.shape[1]:
+        work.contacts.resting[pair, upper] = 1
+        taken = put_on_stop(pair, stop, side, gaps, work.change, responses)
+        add_rest(tally, taken, stops, laws, pair, upper)
+        rub_at_rest(
+            stops.tangents, pair, upper, taken, stops, gaps, work.change, responses, tally
+        )  # fmt: skip
 
 
 @kernel
@@ -1034,4 +1062,4 @@ def finish_alone(
             break
         contacts.inside[pair, upper] = PUSHES
         touching = True
-    keep_between_stops(gaps, work.change, stops, laws, responses, tally)
+    keep_between_stops(stops.bounces, gaps, work.change, stops, laws, responses, tally)

@@ -110,8 +110,7 @@ def responses_of(
     )  # fmt: skip
 
 
-@kernel
-def padded(number, multiple):
+def padded(number: int, multiple: int) -> int:
     """The next multiple."""
     return -(-number // multiple) * multiple
 

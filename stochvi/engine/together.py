@@ -9,6 +9,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import int64
 from numpy.typing import NDArray
 
 from stochvi.engine.arithmetic import (
@@ -16,18 +17,20 @@ from stochvi.engine.arithmetic import (
     IMPULSE,
     LANES,
     LOSS,
+    MOST_BOUNCES,
     PEAK,
+    ROW,
     ROWS_OF_PAIR,
     ROWS_OF_STOP,
     TIME,
     Log,
-    memory_of,
+    cleared,
     page_of,
     rows_of,
     word_of_step,
 )
 from stochvi.engine.borrowed import borrowed
-from stochvi.engine.calls import Stops, press_all
+from stochvi.engine.calls import Stops, apart, call_apart, press_all, press_lanes
 from stochvi.engine.compiling import kernel
 from stochvi.engine.compliant_contacts import (
     APART,
@@ -42,7 +45,6 @@ from stochvi.engine.compliant_contacts import (
     finish_alone,
     followed_of,
     keep_between_stops,
-    make_workspace,
     move_starts,
     until_contact,
 )
@@ -134,22 +136,15 @@ NOT_KNOWN = Known(0.0, 0.0, np.zeros((2, 0, QUANTITIES, TERMS)))
 """No contacts are known: those of several modes, or in which noise acts."""
 
 
-class Touching(NamedTuple):
-    """What the contacts of a table begin from: `Stops`, `Responses` and `Workspace`."""
-
-    stops: Stops
-    responses: Responses
-    work: Workspace
-
-
 def known_contacts(
-    stops: Stops, laws: NDArray[Any], responses: Responses, speed: float, span: float,
+    stops: Stops, laws: list[Any], responses: Responses, speed: float, span: float,
     square: float, fastest: float,
 ) -> Known:  # fmt: skip
     """Tables of the contacts with the stops of the only pair of a structure of one mode.
 
     Parameters
     ----------
+    laws : a law of each class.
     speed : rms speed of the gap, m/s.
     span : s, the longest contact.
     square : w0^2 of the mode, 1/s^2; places of stops are measured from its rest position.
@@ -165,11 +160,10 @@ def known_contacts(
     powers = tried[:, None] ** np.arange(TERMS)
     to_terms = np.linalg.inv(powers[:TERMS])
     for upper in np.flatnonzero(~stops.rigid[0]):
-        found = np.empty((touches.size, QUANTITIES))
-        integrate_touches(
-            touches.ravel(), int(upper), span, square, FINER * fastest, stops, laws, responses,
-            found,
-        )  # fmt: skip
+        found = np.concatenate([
+            integrate_touches(each, upper, span, square, FINER * fastest, stops, laws, responses)
+            for each in np.split(touches.ravel(), range(LANES, touches.size, LANES))
+        ])  # fmt: skip
         if not stops.lossy[0, upper]:
             found[:, REBOUND] = np.where(np.isfinite(found[:, REBOUND]), 1.0, np.nan)
         found = found.reshape(CELLS, len(tried), QUANTITIES)
@@ -180,29 +174,37 @@ def known_contacts(
     return Known(first, 1.0 / width, terms)
 
 
-@kernel
-def integrate_touches(touches, upper, span, square, fastest, stops, laws, responses, found):
-    """Integrate contacts from touches at some speeds to their ends: rows of QUANTITIES, nan where a
-    contact lasts longer than the span."""
-    work = make_workspace(1, 2, responses.states.shape[2])
-    touching, gaps, memory = Touching(stops, responses, work), work.gaps, memory_of(ROWS)
+def integrate_touches(
+    touches: NDArray[np.float64], upper: int, span: float, square: float, fastest: float,
+    stops: Stops, laws: list[Any], responses: Responses,
+) -> NDArray[np.float64]:  # fmt: skip
+    """Integrate contacts from touches at some speeds, at most LANES, to their ends: rows of
+    QUANTITIES, nan where a contact lasts longer than the span."""
+    memory, count = cleared(ROWS * ROW), len(touches)
+    w = rows_of(memory)[:, :count]
     side, stop, omega = 2.0 * upper - 1.0, stops.places[0, upper], math.sqrt(square)
     cosine, sine = math.cos(omega * span), math.sin(omega * span) / omega if omega > 0.0 else span
-    w = rows_of(memory)
-    for first in range(0, touches.shape[0], LANES):
-        count = min(LANES, touches.shape[0] - first)
-        for m in range(count):
-            gaps[Y0, 0], gaps[V0, 0], gaps[A0, 0] = stop, side * touches[first + m], -square * stop
-            gaps[Y1, 0] = stop * cosine + gaps[V0, 0] * sine
-            gaps[V1, 0] = gaps[V0, 0] * cosine - square * stop * sine
-            gaps[A1, 0] = -square * gaps[Y1, 0]
-            start_contact(m, 0, upper, span, touching, memory)
-        press_all(laws, stops.kinds[0, upper], memory, 0, count, stops.numbers, fastest)
-        for m in range(count):
-            speed, row = touches[first + m], found[first + m]
-            row[REBOUND], row[BRAKING] = -w[V, m] / speed, w[NOW, m] / speed
-            row[HARDEST], row[PUSHING] = w[PEAKS, m] / speed, w[LASTED, m]
-            row[DURATION] = w[T, m] if w[STATE, m] == OVER else math.nan
+    # without the stop the gap swings freely; `start_contact` says the same of any quintic
+    v0, a0 = side * touches, -square * stop
+    y1, v1 = stop * cosine + v0 * sine, v0 * cosine - square * stop * sine
+    a1 = -square * y1
+    rise = y1 - stop - v0 * span - 0.5 * a0 * span * span
+    slope, bend = (v1 - v0 - a0 * span) * span, (a1 - a0) * span * span
+    squared = span * span
+    w[Q0] = side * a0
+    w[Q1] = side * 6.0 * (10.0 * rise - 4.0 * slope + 0.5 * bend) / (squared * span)
+    w[Q2] = side * 12.0 * (-15.0 * rise + 7.0 * slope - bend) / (squared * squared)
+    w[Q3] = side * 20.0 * (6.0 * rise - 3.0 * slope + 0.5 * bend) / (squared * squared * span)
+    w[V], w[PUSH], w[LEFT] = touches, np.maximum(np.maximum(side * a0, side * a1), 0.0), span
+    w[STATE], w[OWN] = RUNNING, responses.gaps[0, 0, 1, 0]
+    w[C0 : C0 + 4] = responses.gaps[0, 0, 2, :4, None]
+    kept = stops.numbers[upper, :MOST_NUMBERS]
+    w[NUMBERS : NUMBERS + len(kept)], w[NUMBERS + MOST_NUMBERS] = kept[:, None], upper
+    press_lanes(laws[stops.kinds[0, upper]], memory, count, stops.numbers, fastest)
+    lasted = np.where(w[STATE] == OVER, w[T], np.nan)
+    return np.stack(
+        [-w[V] / touches, lasted, w[NOW] / touches, w[PEAKS] / touches, w[LASTED]], axis=1
+    )
 
 
 @kernel
@@ -252,12 +254,9 @@ def pass_known_contact(pair, upper, span, scene, tally):
 # compliant stop. In rounds, all contacts with stops whose laws are of one class are integrated side
 # by side (`sub_steps`), and their lanes go on. Some lanes finish their step alone, with the same
 # equations: those that rest on a stop, those whose stop rubs, and those in which another stop may
-# be reached during the contact.
+# be reached during the contact. The function for these is compiled apart, where there can be any.
 # ------------------------------------------------------------------------------
 
-
-MOST_ROUNDS = 50
-"""Largest number of touches of a lane in a step; a lane with more finishes alone."""
 
 LANE, SPAN, TOUCHES, PAIR, UPPER, KEPT = range(6)
 """What is kept of a lane that waits: its number, what is left of its step (s), the number of its
@@ -315,21 +314,36 @@ class Waiting(NamedTuple):
 
     Parameters
     ----------
+    fastest : fastest rate of the structure, rad/s.
     lanes : (2, LANES, KEPT + numbers), those of this round and of the next.
     order : (LANES,), the lanes of one class of laws.
     memory : rows of `batch`, of contacts that are integrated side by side.
+    alone : `finish_lane`, by `apart`.
     """
 
+    fastest: float
     lanes: NDArray[np.float64]
     order: NDArray[np.int64]
     memory: NDArray[np.float64]
+    alone: Any
 
 
-@kernel
-def make_waiting(numbers, lanes):
-    """`Waiting` for at most that many lanes, LANES or none, with that number of numbers."""
-    memory = memory_of(ROWS if lanes > 0 else 0)
-    return Waiting(np.zeros((2, lanes, KEPT + numbers)), np.zeros(lanes, np.int64), memory)
+def make_waiting(lanes: int, fastest: float, stops: Stops, numbers: int, scene: Scene) -> Waiting:
+    """`Waiting` for that many lanes at most, of a scene whose tuples are lent, with that number of
+    numbers in its workspace.
+
+    No lane finishes alone where there is one pair, whose stops are compliant and do not rub. The
+    function that does it is then not compiled.
+    """
+    waiting = Waiting(
+        fastest, cleared(2, lanes, KEPT + numbers), cleared(lanes, of=np.int64),
+        cleared(ROWS * ROW), None,
+    )  # fmt: skip
+    places = stops.places
+    one_by_one = len(places) == 1 and not np.any(stops.rigid & np.isfinite(places))
+    wanted = not one_by_one or places[0, 0] >= places[0, 1] or scene.following is not None
+    example = -1, 0, NO_PAIR, 0, 0.0, 0, scene, fastest, waiting.memory
+    return waiting._replace(alone=apart(finish_lane, example, wanted=wanted, returns=int64))
 
 
 @kernel
@@ -361,7 +375,8 @@ def go_home(lane, scene, tally):
         beyond |= (work.gaps[Y1, j] > places[j, 1]) | (work.gaps[Y1, j] < places[j, 0])
     if beyond:
         keep_between_stops(
-            work.gaps, work.change, scene.stops, scene.laws, scene.responses, tally
+            scene.stops.bounces, work.gaps, work.change, scene.stops, scene.laws, scene.responses,
+            tally,
         )  # fmt: skip
     for row in range(work.change.shape[0]):
         scene.new[row, lane] += work.change[row]
@@ -370,9 +385,18 @@ def go_home(lane, scene, tally):
 
 
 @kernel
-def finish_lane(lane, span, touches, scene, fastest):
-    """Finish the step of a lane alone, with the contacts that `find_contacts` noted."""
+def finish_lane(m, lane, pair, upper, span, touches, scene, fastest, memory):
+    """Finish the step of a lane alone; return whether it has, as a number.
+
+    It begins with the contacts that `find_contacts` noted. If the pair is not NO_PAIR, it begins at
+    the touch of its stop. If m is not below 0, it does so only where the contact in that column is
+    crowded.
+    """
+    if m >= 0 and not is_crowded(m, pair, span, scene, memory):
+        return 0
     touching, inside = False, scene.work.contacts.inside
+    if pair != NO_PAIR:
+        hold_contact(pair, upper, scene)
     tally = borrowed(tally_of(lane, scene))
     for j in range(inside.shape[0]):
         touching |= inside[j, 0] + inside[j, 1] > 0
@@ -382,6 +406,7 @@ def finish_lane(lane, span, touches, scene, fastest):
         borrowed(followed_of(scene.following, lane)), scene.work, tally, borrowed(page),
     )  # fmt: skip
     go_home(lane, scene, tally)
+    return 1
 
 
 @kernel
@@ -411,16 +436,18 @@ def is_at_rest(resting):
 
 
 @kernel
-def wait(lane, pair, upper, span, touches, scene, fastest, queue, count):
+def wait(lane, pair, upper, span, touches, scene, waiting, now, count):
     """Put a lane that touches a compliant stop into a queue, which has `count` lanes, or let it
-    finish alone; returns how many lanes the queue has."""
+    finish; returns how many lanes the queue has."""
     work = scene.work
-    alone = is_at_rest(work.contacts.resting) or tangent_of(scene.stops.tangents, pair) >= 0
-    if alone or touches > MOST_ROUNDS or span <= 0.0:
-        hold_contact(pair, upper, scene)
-        finish_lane(lane, span, touches, scene, fastest)
+    if touches >= MOST_BOUNCES or span <= 0.0:
+        go_home(lane, scene, borrowed(tally_of(lane, scene)))
         return count
-    row = queue[count]
+    if is_at_rest(work.contacts.resting) or tangent_of(scene.stops.tangents, pair) >= 0:
+        arguments = -1, lane, pair, upper, span, touches, scene, waiting.fastest, waiting.memory
+        call_apart(waiting.alone, arguments)
+        return count
+    row = waiting.lanes[now, count]
     row[LANE], row[SPAN], row[TOUCHES], row[PAIR], row[UPPER] = lane, span, touches, pair, upper
     for k in range(work.numbers.shape[0]):
         row[KEPT + k] = work.numbers[k]
@@ -542,7 +569,7 @@ def end_contact(m, pair, upper, span, scene, tally, memory):
 
 
 @kernel
-def press_kind(kind, count, scene, fastest, waiting, now):
+def press_kind(kind, count, scene, waiting, now):
     """Integrate the contacts of all waiting lanes whose stops have laws of one class; returns how
     many they are, and writes them into `order`."""
     lanes, order, memory = waiting.lanes, waiting.order, waiting.memory
@@ -558,19 +585,20 @@ def press_kind(kind, count, scene, fastest, waiting, now):
             order[n] = i
             n += 1
     if n > 0:
-        press_all(scene.laws, kind, memory, 0, n, stops.numbers, fastest)
+        press_all(scene.laws, kind, memory, 0, n, stops.numbers, waiting.fastest)
     return n
 
 
 @kernel
-def press_waiting(count, scene, fastest, waiting):
+def press_waiting(count, scene, waiting):
     """Integrate the contacts of all waiting lanes, and let these go on, until none waits."""
     work, contacts, lanes, order = scene.work, scene.work.contacts, waiting.lanes, waiting.order
+    fastest, memory = waiting.fastest, waiting.memory
     now = np.int64(0)
     while count > 0:
         later = np.int64(0)
         for kind in range(scene.laws.shape[0]):
-            for m in range(press_kind(kind, count, scene, fastest, waiting, now)):
+            for m in range(press_kind(kind, count, scene, waiting, now)):
                 row = lanes[now, order[m]]
                 lane, span, touches = int(row[LANE]), row[SPAN], int(row[TOUCHES])
                 pair, upper = int(row[PAIR]), int(row[UPPER])
@@ -578,48 +606,45 @@ def press_waiting(count, scene, fastest, waiting):
                     work.numbers[k] = row[KEPT + k]
                 for j in range(work.gaps.shape[1]):
                     contacts.resting[j, 0] = contacts.resting[j, 1] = 0
-                if is_crowded(m, pair, span, scene, waiting.memory):
-                    hold_contact(pair, upper, scene)
-                    finish_lane(lane, span, touches, scene, fastest)
-                    continue
+                if work.gaps.shape[1] > 1:
+                    alone = m, lane, pair, upper, span, touches, scene, fastest, memory
+                    if call_apart(waiting.alone, alone) != 0:
+                        continue
                 tally = borrowed(tally_of(lane, scene))
-                span = end_contact(m, pair, upper, span, scene, tally, waiting.memory)
+                span = end_contact(m, pair, upper, span, scene, tally, memory)
                 pair, upper, span, touches = go_on(lane, span, touches, scene)
                 if pair != NO_PAIR:
-                    later = wait(
-                        lane, pair, upper, span, touches, scene, fastest, lanes[1 - now], later
-                    )
+                    later = wait(lane, pair, upper, span, touches, scene, waiting, 1 - now, later)
         now, count = 1 - now, later
 
 
 @kernel
-def finish_together(index, scene, fastest, waiting):
+def finish_together(index, scene, waiting):
     """The step of the lanes in `index`, at most LANES, in which a stop may be reached.
 
     Parameters
     ----------
     index : numbers of the lanes.
-    scene, waiting : `Scene` and `Waiting`, which is not used where all stops are rigid.
-    fastest : fastest rate of the structure, rad/s; None where all stops are rigid.
+    scene, waiting : `Scene`, and `Waiting`, which is None where all stops are rigid.
     """
     work, step = scene.work, scene.step
-    count = np.int64(0)  # for a literal number the functions that take it are compiled once more
+    # for a literal number the functions that take it are compiled once more
+    first = count = np.int64(0)
     for k in range(index.shape[0]):
         lane = index[k]
         take_lane(lane, scene.ends, work)
-        if fastest is None:
+        if waiting is None:
             go_on(lane, step, 0, scene)
         else:
             touched, pair, upper = find_contacts(work.gaps, work.contacts, scene.stops, scene.laws)
             if scene.following is not None or touched > 1:
-                finish_lane(lane, step, touched, scene, fastest)
+                alone = -1, lane, NO_PAIR, 0, step, touched, scene, waiting.fastest, waiting.memory
+                call_apart(waiting.alone, alone)
                 continue
             span, touches = step, touched
             if touched == 0:
                 pair, upper, span, touches = go_on(lane, step, touched, scene)
             if pair != NO_PAIR:
-                count = wait(
-                    lane, pair, upper, span, touches, scene, fastest, waiting.lanes[0], count
-                )
-    if fastest is not None:
-        press_waiting(count, scene, fastest, waiting)
+                count = wait(lane, pair, upper, span, touches, scene, waiting, first, count)
+    if waiting is not None:
+        press_waiting(count, scene, waiting)

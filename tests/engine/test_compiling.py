@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 import pytest
+from numba import int64
 from numba.core import caching, config, dispatcher, event
 from numba.core.bytecode import FunctionIdentity
 from numba.core.compiler import Flags
@@ -29,7 +30,8 @@ import stochvi.methods.monte_carlo.kernels as monte_carlo_kernels
 import stochvi.methods.periodic.kernels as periodic_kernels
 import stochvi.methods.replay.kernel as replay_kernel
 from stochvi.engine import compiling
-from stochvi.engine.borrowed import borrowed, hold, type_of_borrowed
+from stochvi.engine.borrowed import borrowed, hold, lent, type_of_borrowed
+from stochvi.engine.calls import apart, call_apart
 from stochvi.engine.compiling import Ingredients, Kernel, kernel
 from stochvi.results.deadline import graceful_interrupt, stood_still
 from stochvi.results.errors import Interrupted
@@ -778,6 +780,68 @@ def test_what_is_borrowed_is_changed() -> None:
     assert outer.table[1, 0] == 3.0
     assert outer.inner.numbers.tolist() == [0.0, 1.0, 0.0, 3.0]
     assert outer.inner.counts.tolist() == [2, 0]
+
+
+class Mixed(NamedTuple):
+    """Numbers of all kinds, with tuples between them."""
+
+    flag: bool
+    outer: Outer
+    on: bool
+    both: tuple[np.ndarray, np.ndarray]
+    count: int
+    last: bool
+
+
+@kernel
+def read_mixed(mixed, number):
+    """Change an array, and return what numbers there are."""
+    both = mixed.both
+    mixed.outer.table[2, 1] += mixed.outer.step
+    both[1][0] = number
+    return mixed.flag, mixed.on, mixed.last, mixed.count, both[0].sum(), mixed.outer.inner.counts[1]
+
+
+def test_what_python_lends_is_what_it_is_made_of() -> None:
+    mixed = Mixed(True, arrays(), False, (np.arange(3.0), np.zeros(2, np.uint64)), -7, True)
+    for step in (0.5, 2.0):
+        given = mixed._replace(outer=mixed.outer._replace(step=step))
+        assert read_mixed(lent(given), 9) == (True, False, True, -7, 3.0, 0)
+    assert mixed.outer.table[2, 1] == 5.0 + 0.5 + 2.0 and mixed.both[1][0] == 9
+    assert len(read_mixed.overloads) == 1 and lent(None) is None
+    before = owners(mixed.outer)
+    read_mixed(lent(mixed), 9)
+    assert owners(mixed.outer) == before
+
+
+@kernel
+def total_of(outer, factor):
+    """The sum of a table, as a function that is compiled apart returns it."""
+    outer.inner.counts[0] += 1
+    return int(factor * outer.table.sum())
+
+
+@kernel
+def ask_apart(function, outer, wanted):
+    """Call a function by its address, where it is wanted."""
+    return call_apart(function, (outer, 2.0)) if wanted else -1
+
+
+def test_a_function_that_is_not_wanted_is_not_compiled() -> None:
+    outer, compiled = arrays(), len(total_of.overloads)
+    absent = apart(total_of, (outer, 2.0), wanted=False, returns=int64)
+    assert ask_apart(absent, lent(outer), False) == -1
+    assert len(total_of.overloads) == compiled
+    present = apart(total_of, (outer, 2.0), returns=int64)
+    assert ask_apart(present, lent(outer), True) == 30
+    assert len(total_of.overloads) == compiled + 1 and len(ask_apart.overloads) == 1
+    assert outer.inner.counts[0] == 1
+
+
+def test_a_function_apart_is_called_with_its_own_types() -> None:
+    other = apart(total_of, (outer := arrays(), 2), wanted=False, returns=int64)
+    with pytest.raises(TypingError, match="No match"):
+        ask_apart(other, lent(outer), True)
 
 
 def test_a_tuple_is_handed_on_by_its_address() -> None:

@@ -49,7 +49,7 @@ def impacts() -> np.ndarray:
         np.zeros(lanes, np.uint64), None, 0, 0, None,
     )  # fmt: skip
     index = np.flatnonzero(y1 > 1.0)
-    finish_together(index, scene, None, None)
+    finish_together(index, scene, None)
     assert sums[0, 3].sum() > index.size // 2
     return np.concatenate([new, ends.y1, sums[0]])
 

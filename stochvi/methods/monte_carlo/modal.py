@@ -13,6 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from stochvi.engine.arithmetic import NO_RECORD, Log
+from stochvi.engine.borrowed import lent
 from stochvi.engine.calls import Characteristics, Statistics, Stops, functions_of, stops_of
 from stochvi.engine.compliant_contacts import MOST_SWEEPS
 from stochvi.engine.parts import Affine, rate
@@ -37,6 +38,7 @@ from stochvi.methods.monte_carlo.kernels.modes import (
     Steps,
     Table,
     Until,
+    make_room,
     run_modes,
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows
@@ -262,9 +264,8 @@ class ModalPlan(SteppedPlan):
         (pair,), (scale,) = model.pairs, self.pairs
         hardest = scale._replace(speed=FASTEST * scale.speed)
         rates = [rate_of_contact(pair, stop, hardest) for stop in pair.stops if not stop.rigid]
-        laws = functions_of(self._stops[1], lanes=True)
         return known_contacts(
-            stops, laws, responses, scale.speed, self.step, float(modes.squares[0]),
+            stops, self._stops[1], responses, scale.speed, self.step, float(modes.squares[0]),
             math.hypot(modes.fastest, *rates),
         )  # fmt: skip
 
@@ -586,7 +587,11 @@ class ModalPlan(SteppedPlan):
         laws = functions_of(self._stops[1], lanes=True)
         outputs = outputs._replace(statistics=self._statistics)
         kicks = self._kicks
-        run_modes(paths, structure, laws, tables, fastest, kicks, steps, outputs, stop_flag())
+        room = make_room(paths, structure, laws, tables, kicks, outputs, fastest)
+        run_modes(
+            lent(paths), self._lent_constants, laws, lent(tables), lent(kicks), lent(steps),
+            lent(outputs), lent(room), stop_flag(),
+        )  # fmt: skip
         check_flag()
 
     @property
@@ -890,6 +895,10 @@ class ModalPlan(SteppedPlan):
             origins=self.law.mean,
             crossed=self._crossed,
         )
+
+    @cached_property
+    def _lent_constants(self) -> ModalSteps:
+        return lent(self._kernel_constants)
 
     def _with_memories(self, matrix: Matrix) -> Matrix:
         """The matrix of a pass to all states from all states. It does not change the memories of

@@ -672,9 +672,7 @@ def _has_moments(pair: Pair | None) -> bool:
 def _streams(seed: int, first_path: int, paths: int, number: int) -> NDArray[np.uint64]:
     """The random stream `number` of each path, independent of the streams of other paths."""
     streams = np.empty((2, paths), np.uint64)
-    for index in range(paths):
-        stream = (first_path + index) * MOST_BLOCKS + number
-        seed_streams(np.uint64(seed), stream, streams[:, index : index + 1])
+    seed_streams(seed, first_path * MOST_BLOCKS + number, streams, MOST_BLOCKS)
     return streams
 
 

@@ -64,9 +64,8 @@ def levels_of_block(
     spacing = level.time / KNOTS
     count = math.ceil(times.max() / spacing) + 2
     streams = np.empty((2, paths), np.uint64)
-    for index in range(paths):
-        stream = (first_path + index) * MOST_BLOCKS + MOST_BLOCKS // 2 + number
-        seed_streams(np.uint64(seed), stream, streams[:, index : index + 1])
+    own = first_path * MOST_BLOCKS + MOST_BLOCKS // 2 + number
+    seed_streams(seed, own, streams, MOST_BLOCKS)
     half = math.ceil(count / 2)
     first, second = np.empty((2, half, paths))
     normal_rows(streams[0], streams[1], first, second)

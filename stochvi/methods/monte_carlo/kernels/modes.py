@@ -2,9 +2,10 @@
 many states; the kernel."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import int64
 from numpy.typing import NDArray
 
 from stochvi.engine.arithmetic import (
@@ -15,9 +16,10 @@ from stochvi.engine.arithmetic import (
     ROWS_OF_PAIR,
     ROWS_OF_STOP,
     Log,
+    cleared,
     fma,
 )
-from stochvi.engine.borrowed import borrowed, hold
+from stochvi.engine.borrowed import borrowed, lent
 from stochvi.engine.calls import (
     NO_STATISTICS,
     Characteristics,
@@ -26,6 +28,8 @@ from stochvi.engine.calls import (
     add_pulls_of_parts,
     add_statistics,
     all_rates,
+    apart,
+    call_apart,
     draw_all,
     force_of,
     kick_all,
@@ -656,20 +660,12 @@ def following_of(largest, start, counted, spare, ends, before, after):
     return Following(largest.rows, before, after, ends, table)
 
 
-@kernel
-def outputs_of(largest):
-    """Number of accelerations of which the largest is wanted."""
-    if largest is None:
-        return 0
-    return largest.rows.shape[0]
+class Seldom(NamedTuple):
+    """What few scenes need, by `apart`: `end_paths`, `add_statistics`, and `add_contact_pulls`."""
 
-
-@kernel
-def columns_of_largest(largest):
-    """Number of columns of `Largest.table`."""
-    if largest is None:
-        return 0
-    return largest.table.shape[1]
+    ends: Any
+    statistics: Any
+    contact_pulls: Any
 
 
 class Room(NamedTuple):
@@ -693,7 +689,8 @@ class Room(NamedTuple):
         springs and dampers that are functions.
     of_one : (2, lanes), displacements and rates of one statistic.
     spare, forces : as in `Following`, for steps that are not counted, and its ends.
-    work, waiting : `Workspace` and `Waiting`.
+    seldom : `Seldom`.
+    work, waiting : `Workspace` and `Waiting`, which is None where all stops are rigid.
     """
 
     old: NDArray[np.float64]
@@ -736,60 +733,90 @@ class Room(NamedTuple):
     of_one: NDArray[np.float64]
     spare: NDArray[np.float64]
     forces: NDArray[np.float64]
+    seldom: Seldom
     work: Workspace
-    waiting: Waiting
+    waiting: Waiting | None
 
 
-@kernel
-def count_of(kicks):
-    """Number of springs and dampers that are functions."""
-    if kicks is None:
-        return 0
-    return kicks.parts.rows.shape[0]
-
-
-@kernel
-def sampled_of(tables, modes):
-    """Number of relative changes that are tabulated noise."""
-    if tables is None:
-        return 0
-    return tables.samples.shape[1] - modes
-
-
-@kernel
 def make_room(
-    states, rows_of_sums, width, structure, rows, waiting, accelerations, parts, sampled, followed
-):  # fmt: skip
-    """`Room` for `width` lanes, of which at most `waiting` wait for a contact."""
-    passes, modes, pairs = structure.passes, structure.modes, structure.stops.places.shape[0]
-    first, last = modes + modes * (modes + 1), modes + modes * (modes + 1) + rows * pairs
-    local = np.zeros((rows_of_sums, width))
+    paths: ModalPaths, structure: ModalSteps, laws: NDArray[Any], tables: SmoothResponse | None,
+    kicks: Kicks | None, outputs: Outputs, fastest: float | None,
+) -> Room:  # fmt: skip
+    """`Room` for what `run_modes` is given; `fastest` is None where all stops are rigid, else the
+    fastest rate of the structure, rad/s."""
+    passes, modes, pairs = structure.passes, structure.modes, len(structure.stops.places)
+    states, width = len(paths.state), min(LANES, paths.state.shape[1])
+    rows = ROWS_OF_PAIR if fastest is None else ROWS_OF_CONTACT_PAIR
+    first = modes + modes * (modes + 1)
+    local = cleared(len(paths.sums), width)
     work = make_workspace(pairs, *structure.responses.states.shape[1:])
-    between = states * min(parts, 1)
-    return Room(
-        np.zeros((states, width)), np.zeros((states, width)), np.zeros((2 * passes.normals, width)),
-        np.zeros((passes.kicks[0].shape[0] - 1, width)),
-        np.zeros((pairs, width)), np.zeros((pairs, width)), np.zeros((pairs, width)),
-        np.zeros((pairs, width)), np.zeros((pairs, width)), np.zeros((pairs, width)),
-        np.zeros((pairs, width)), np.zeros((pairs, width)), np.zeros((pairs, width)),
-        np.zeros((pairs, width)),
-        np.zeros(width), np.zeros(width + 1, np.int64),
-        local, local[first:last].reshape((pairs, rows, width)),
-        np.zeros((pairs, rows, width)), np.zeros((pairs, width)),
-        np.zeros((width, pairs, 2)), np.zeros(width, np.uint64), np.zeros(width, np.uint64),
-        np.zeros((2 * (modes + sampled), width)), np.zeros((2 * modes, width)), np.zeros(modes),
-        np.zeros((modes, width)), np.zeros((pairs, width)), np.zeros((modes, width)),
-        np.zeros((modes, width)), np.zeros((between, width)),
-        np.zeros((parts, width)), np.zeros((parts, width)), np.zeros((parts, width)),
-        np.zeros((parts, width)), np.zeros((parts, width)), np.zeros((parts, width)),
-        np.zeros((2, width)), np.zeros((width, followed)),
-        np.zeros((END_ROWS, accelerations)), work, make_waiting(work.numbers.shape[0], waiting),
+    parts = 0 if kicks is None else len(kicks.parts.rows)
+    sampled = 0 if tables is None else tables.samples.shape[1] - modes
+    largest = outputs.largest
+    accelerations = 0 if largest is None else len(largest.rows)
+    followed = 0 if largest is None else largest.table.shape[1]
+    room = Room(
+        *(cleared(states, width) for _ in ("old", "new")),
+        cleared(2 * passes.normals, width), cleared(len(passes.kicks[0]) - 1, width),
+        *(cleared(pairs, width) for _ in range(10)),
+        cleared(width), cleared(width + 1, of=np.int64),
+        local, local[first : first + rows * pairs].reshape((pairs, rows, width)),
+        cleared(pairs, rows, width), cleared(pairs, width),
+        cleared(width, pairs, 2), *(cleared(width, of=np.uint64) for _ in range(2)),
+        cleared(2 * (modes + sampled), width), cleared(2 * modes, width), cleared(modes),
+        cleared(modes, width), cleared(pairs, width), cleared(modes, width),
+        cleared(modes, width), cleared(states if parts else 0, width),
+        *(cleared(parts, width) for _ in range(6)),
+        cleared(2, width), cleared(width, followed),
+        cleared(END_ROWS, accelerations), Seldom(None, None, None), work, None,
+    )  # fmt: skip
+    room = room._replace(seldom=seldom_called(structure, laws, outputs, room, fastest is not None))
+    if fastest is None:
+        return room
+    scene = example_of_scene(structure, laws, outputs, room)
+    waiting = make_waiting(width, fastest, structure.stops, len(work.numbers), scene)
+    return room._replace(waiting=waiting)
+
+
+def seldom_called(
+    structure: ModalSteps, laws: NDArray[Any], outputs: Outputs, room: Room, compliant: bool
+) -> Seldom:
+    """`Seldom` for what `run_modes` is given, and whether any stop is compliant."""
+    until, statistics = outputs.until, outputs.statistics
+    of_lanes = room.old, room.hits, room.peaks, room.marks, room.words0, room.words1
+    of_statistics = lent(statistics), room.old, room.words0, 0, room.of_one, room.local, 0, 0
+    forces = room.pulled, room.y0, room.pushing
+    of_contacts = *forces, lent(structure.stops), laws, lent(structure.responses)
+    pulls = compliant and len(structure.passes.pulls[0]) > 1
+    return Seldom(
+        apart(
+            end_paths, (lent(until), *of_lanes, 0, 0, 0), wanted=len(until.most) > 0, returns=int64
+        ),
+        apart(add_statistics, of_statistics, wanted=len(statistics.places) > 0),
+        apart(add_contact_pulls, of_contacts, wanted=pulls),
+    )
+
+
+def example_of_scene(
+    structure: ModalSteps, laws: NDArray[Any], outputs: Outputs, room: Room
+) -> Scene:
+    """A `Scene` with the types of those that `run_modes` makes."""
+    largest, following = outputs.largest, None
+    if largest is not None:
+        following = Following(largest.rows, room.pull_0, room.pull_1, room.forces, largest.table)
+    return Scene(
+        structure.step, lent(structure.stops), laws, lent(structure.responses),
+        lent(structure.known), lent(room.work),
+        Ends(room.y0, room.v0, room.a0, room.y1, room.v1, room.a1), room.new, room.hits, room.peaks,
+        room.words0, lent(outputs.log), 0, 0, following,
     )  # fmt: skip
 
 
 @kernel
-def run_modes(paths, structure, laws, tables, fastest, kicks, steps, outputs, flag):
+def run_modes(paths, structure, laws, tables, kicks, steps, outputs, room, flag):
     """Advance every path, and add up the counted steps.
+
+    Named tuples are `lent`.
 
     Parameters
     ----------
@@ -797,34 +824,17 @@ def run_modes(paths, structure, laws, tables, fastest, kicks, steps, outputs, fl
     structure : `ModalSteps`.
     laws : `functions_of` the laws of the stops.
     tables : None, or `SmoothResponse`.
-    fastest : None where all stops are rigid, else the fastest rate of the structure, rad/s.
     kicks : None, or `Kicks`.
     steps : `Steps`.
     outputs : `Outputs`.
+    room : `Room`.
     flag : (1,), looked at before every step: where it is not 0, the paths are given up, without a
         result.
     """
-    rows = ROWS_OF_PAIR if fastest is None else ROWS_OF_CONTACT_PAIR
-    states, count_of_paths = paths.state.shape
-    width = min(LANES, count_of_paths)
-    room = make_room(
-        states, paths.sums.shape[0], width, structure, rows, 0 if fastest is None else width,
-        outputs_of(outputs.largest), count_of(kicks), sampled_of(tables, structure.modes),
-        columns_of_largest(outputs.largest),
-    )  # fmt: skip
-    advance(
-        borrowed(paths), borrowed(structure), borrowed(laws), borrowed(tables), fastest,
-        borrowed(kicks), steps, borrowed(outputs), borrowed(room), rows, borrowed(flag),
-    )  # fmt: skip
-    hold(room)
-
-
-@kernel
-def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room, rows, flag):
-    """`run_modes` with `Room`, and ROWS_OF_PAIR or ROWS_OF_CONTACT_PAIR."""
+    laws, flag = borrowed(laws), borrowed(flag)
     state, streams, known, lasting = paths.state, paths.streams, paths.gaps, paths.peaks
     sums = paths.sums
-    first, last, stride = steps
+    first, last, stride = steps.first, steps.last, steps.stride
     record, log, largest = outputs.record, outputs.log, outputs.largest
     statistics = outputs.statistics
     step, modes, passes = structure.step, structure.modes, structure.passes
@@ -832,14 +842,14 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
     margins = structure.margins
     origins, normals = structure.origins, passes.normals
     states, count_of_paths = state.shape
-    pairs, width = stops.places.shape[0], room.marks.shape[0]
+    pairs, rows, width = room.hits.shape
     moments = modes + modes * (modes + 1)
     third = step / 3.0
     recording = record.shape[0] > 0
     first_pull = moments + rows * pairs
     pulling = passes.pulls[0].shape[0] > 1
     first_part = first_pull + (modes + modes * (modes + 1) // 2 if pulling else 0)
-    first_statistic = first_part + 3 * count_of(kicks)
+    first_statistic = first_part + 3 * room.parts_x.shape[0]
     first_noise = first_statistic + statistics.places.shape[0]
     controlled = sums.shape[0] > first_noise
     crossings = structure.crossed.shape[0] if room.kicked.shape[0] > 0 else 0
@@ -852,6 +862,7 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
     hits, earlier, peaks = room.hits, room.before, room.peaks
     words0, words1, smooth, total = room.words0, room.words1, room.smooth, room.total
     pulled, pushing, pull_0, pull_1 = room.pulled, room.pushing, room.pull_0, room.pull_1
+    seldom = room.seldom
     mid, of_parts = room.mid, (room.parts_x, room.parts_v, room.parts_w)
     of_ends = room.parts_0, room.parts_1, room.parts_2
     for start in range(0, count_of_paths, LANES):
@@ -955,7 +966,7 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
                     number, followed,
                 )  # fmt: skip
                 if count > 0:
-                    finish_together(index[:count], borrowed(scene), fastest, room.waiting)
+                    finish_together(index[:count], borrowed(scene), room.waiting)
                 if recording & counted:
                     for j in range(pairs):
                         for i in range(lanes):
@@ -983,8 +994,9 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
                 matrix_pass(pull_0, 0.0, total, passes.pulls, width)
             if outputs.until.most.shape[0] > 0:
                 made = number - first + 1
-                going = end_paths(
-                    outputs.until, old, hits, peaks, marks, words0, words1, start, lanes, made
+                going = call_apart(
+                    seldom.ends,
+                    (outputs.until, old, hits, peaks, marks, words0, words1, start, lanes, made),
                 )
                 if going == 0:
                     break
@@ -1003,9 +1015,12 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
                             add_moments(borrowed(local[first_free:]), modes, smooth, room.rest)
                     if statistics.places.shape[0] > 0:
                         motion = old if tables is None else total
-                        add_statistics(
-                            statistics, motion, words0, number, room.of_one, local,
-                            first_statistic, width,
+                        call_apart(
+                            seldom.statistics,
+                            (
+                                statistics, motion, words0, number, room.of_one, local,
+                                first_statistic, width,
+                            ),
                         )  # fmt: skip
                     if pulling:
                         if tables is None:
@@ -1014,12 +1029,15 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
                             matrix_pass(pulled, 0.0, total, passes.pulls, width)
                         if kicks is not None:
                             add_pulls_of_parts(pulled, kicks.parts, old, smooth, of_parts, width)
-                        if fastest is not None:  # noqa: SIM102 - left out when compiled
+                        if room.waiting is not None:  # noqa: SIM102 - left out when compiled
                             if pairs > 0:
                                 matrix_pass(pushing, 0.0, old, passes.speeds, width)
                                 if tables is not None:
                                     add_to(pushing, r0)
-                                add_contact_pulls(pulled, y0, pushing, stops, laws, responses)
+                                call_apart(
+                                    seldom.contact_pulls,
+                                    (pulled, y0, pushing, stops, laws, responses),
+                                )
                         add_pulls(local, first_pull, pulled)
                 if recording:
                     for i in range(lanes):

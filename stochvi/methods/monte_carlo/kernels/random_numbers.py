@@ -8,6 +8,7 @@ import numpy as np
 from numba.core import types
 from numba.core.imputils import impl_ret_borrowed
 from numba.extending import lower_builtin, type_callable
+from numpy.typing import NDArray
 
 from stochvi.engine.arithmetic import GOLDEN, bits_of, fma, number_of, split_mix
 from stochvi.engine.compiling import kernel
@@ -167,15 +168,16 @@ SQRT2 = math.sqrt(2.0)
 QUARTER_TURN = math.pi / 2.0
 
 
-@kernel
-def seed_streams(seed, first_path, state):
-    """Fill `state` (2, paths) for the paths first_path, first_path + 1, ..."""
-    key = split_mix(np.uint64(seed) + GOLDEN)
-    for i in range(state.shape[1]):
-        z = split_mix(key + np.uint64(first_path + i) * GOLDEN)
-        for word in range(2):
-            z += GOLDEN
-            state[word, i] = split_mix(z)
+def seed_streams(
+    seed: int | np.uint64, first_path: int, state: NDArray[np.uint64], apart: int = 1
+) -> None:
+    """Fill `state` (2, paths) for the paths first_path, first_path + 1, ..., or those `apart`."""
+    mix = getattr(split_mix, "py_func", split_mix)  # not compiled: it is asked once
+    paths = (first_path + apart * np.arange(state.shape[1])).astype(np.uint64)
+    z = mix(mix(np.array([seed], np.uint64) + GOLDEN) + paths * GOLDEN)
+    for word in range(2):
+        z += GOLDEN
+        state[word] = mix(z)
 
 
 @kernel(forceinline=True)
