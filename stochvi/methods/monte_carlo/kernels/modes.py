@@ -651,13 +651,23 @@ def end_paths(until, state, hits, peaks, marks, words0, words1, start, lanes, ma
 
 
 @kernel
-def following_of(largest, start, counted, spare, ends, before, after):
-    """What the accelerations of all lanes are made from in a step; `spare` gets those that are not
-    counted."""
+def take_largest(largest, start, lanes, table):
+    """The largest accelerations of some lanes before their counted steps."""
     if largest is None:
-        return None
-    table = largest.table[start:] if counted else spare
-    return Following(largest.rows, before, after, ends, table)
+        return
+    for i in range(lanes):
+        for column in range(table.shape[1]):
+            table[i, column] = largest.table[start + i, column]
+
+
+@kernel
+def keep_largest(largest, start, lanes, table):
+    """Write those after their counted steps."""
+    if largest is None:
+        return
+    for i in range(lanes):
+        for column in range(table.shape[1]):
+            largest.table[start + i, column] = table[i, column]
 
 
 class Seldom(NamedTuple):
@@ -688,7 +698,8 @@ class Room(NamedTuple):
     mid, parts_x, parts_v, parts_w, parts_0, parts_1, parts_2 : states after all kicks, and rows of
         springs and dampers that are functions.
     of_one : (2, lanes), displacements and rates of one statistic.
-    spare, forces : as in `Following`, for steps that are not counted, and its ends.
+    followed : (lanes, columns of `Largest.table`), the largest of each lane.
+    following : `Following`; None where no acceleration is wanted.
     seldom : `Seldom`.
     work, waiting : `Workspace` and `Waiting`, which is None where all stops are rigid.
     """
@@ -731,8 +742,8 @@ class Room(NamedTuple):
     parts_1: NDArray[np.float64]
     parts_2: NDArray[np.float64]
     of_one: NDArray[np.float64]
-    spare: NDArray[np.float64]
-    forces: NDArray[np.float64]
+    followed: NDArray[np.float64]
+    following: Following | None
     seldom: Seldom
     work: Workspace
     waiting: Waiting | None
@@ -753,8 +764,7 @@ def make_room(
     parts = 0 if kicks is None else len(kicks.parts.rows)
     sampled = 0 if tables is None else tables.samples.shape[1] - modes
     largest = outputs.largest
-    accelerations = 0 if largest is None else len(largest.rows)
-    followed = 0 if largest is None else largest.table.shape[1]
+    columns = 0 if largest is None else largest.table.shape[1]
     room = Room(
         *(cleared(states, width) for _ in ("old", "new")),
         cleared(2 * passes.normals, width), cleared(len(passes.kicks[0]) - 1, width),
@@ -767,9 +777,12 @@ def make_room(
         cleared(modes, width), cleared(pairs, width), cleared(modes, width),
         cleared(modes, width), cleared(states if parts else 0, width),
         *(cleared(parts, width) for _ in range(6)),
-        cleared(2, width), cleared(width, followed),
-        cleared(END_ROWS, accelerations), Seldom(None, None, None), work, None,
+        cleared(2, width), cleared(width, columns), None, Seldom(None, None, None), work, None,
     )  # fmt: skip
+    if largest is not None:
+        ends = cleared(END_ROWS, len(largest.rows))
+        following = Following(largest.rows, room.pull_0, room.pull_1, ends, room.followed)
+        room = room._replace(following=following)
     room = room._replace(seldom=seldom_called(structure, laws, outputs, room, fastest is not None))
     if fastest is None:
         return room
@@ -801,14 +814,11 @@ def example_of_scene(
     structure: ModalSteps, laws: NDArray[Any], outputs: Outputs, room: Room
 ) -> Scene:
     """A `Scene` with the types of those that `run_modes` makes."""
-    largest, following = outputs.largest, None
-    if largest is not None:
-        following = Following(largest.rows, room.pull_0, room.pull_1, room.forces, largest.table)
     return Scene(
         structure.step, lent(structure.stops), laws, lent(structure.responses),
         lent(structure.known), lent(room.work),
         Ends(room.y0, room.v0, room.a0, room.y1, room.v1, room.a1), room.new, room.hits, room.peaks,
-        room.words0, lent(outputs.log), 0, 0, following,
+        room.words0, lent(outputs.log), 0, 0, lent(room.following),
     )  # fmt: skip
 
 
@@ -854,7 +864,7 @@ def run_modes(paths, structure, laws, tables, kicks, steps, outputs, room, flag)
     controlled = sums.shape[0] > first_noise
     crossings = structure.crossed.shape[0] if room.kicked.shape[0] > 0 else 0
     first_free = first_noise + 3 * crossings
-    following = room.spare.shape[1] > 0
+    following = room.followed.shape[1] > 0
     old, new, drawn, kicked = room.old, room.new, room.drawn, room.kicked
     y0, v0, a0, y1, v1, a1 = room.y0, room.v0, room.a0, room.y1, room.v1, room.a1
     s0, r0, s1, r1 = room.s0, room.r0, room.s1, room.r1
@@ -894,6 +904,8 @@ def run_modes(paths, structure, laws, tables, kicks, steps, outputs, room, flag)
             if flag[0] != 0:
                 break
             counted = number >= 0
+            if number == max(first, 0):
+                take_largest(largest, start, lanes, room.followed)
             half = (number - first) % 2
             if (half == 0) | passes.merged:
                 for row in range(normals):
@@ -957,13 +969,10 @@ def run_modes(paths, structure, laws, tables, kicks, steps, outputs, room, flag)
                     for j in range(pairs):
                         for i in range(lanes):
                             earlier[j, i] = hits[j, 4, i] - hits[j, 1, i]
-                followed = following_of(
-                    largest, start, counted, room.spare, room.forces, pull_0, pull_1
-                )
                 scene = Scene(
                     step, stops, laws, responses, structure.known, room.work,
                     Ends(y0, v0, a0, y1, v1, a1), new, added_to, peaks, words0, log, start,
-                    number, followed,
+                    number, room.following,
                 )  # fmt: skip
                 if count > 0:
                     finish_together(index[:count], borrowed(scene), room.waiting)
@@ -1054,3 +1063,5 @@ def run_modes(paths, structure, laws, tables, kicks, steps, outputs, room, flag)
             for j in range(pairs):
                 known[j, start + i] = y0[j, i]
                 lasting[start + i, j, 0], lasting[start + i, j, 1] = peaks[i, j, 0], peaks[i, j, 1]
+        if last > 0:
+            keep_largest(largest, start, lanes, room.followed)
