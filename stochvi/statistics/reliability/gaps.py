@@ -131,7 +131,7 @@ class Following(NamedTuple):
         return np.asarray(np.einsum("qpl,pl->pq", likely, share))
 
 
-class Clusters:
+class GapClusters:
     """Crossings that follow each other, of the stops of some gaps (numbers) of a model."""
 
     def __init__(self, model: Model, gaps: NDArray[np.int64], place: Vector, speed: Vector) -> None:
@@ -321,11 +321,11 @@ def _stops(moving: Sequence[MovingMean], away: Matrix) -> Stops:
 
 def _clusters(
     model: Model, gaps: NDArray[np.int64], place: Vector, speed: Vector
-) -> Clusters | None:
+) -> GapClusters | None:
     """The clusters of some gaps; None where times lie too far apart, so that bounds alone are
     known, or nothing is crossed."""
     try:
-        return Clusters(model, gaps, place[gaps], speed[gaps]) if len(gaps) else None
+        return GapClusters(model, gaps, place[gaps], speed[gaps]) if len(gaps) else None
     except NotApplicable:
         return None
 

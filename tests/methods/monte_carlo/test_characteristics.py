@@ -32,10 +32,7 @@ from stochvi import (
     fokker_planck,
     history,
     impacts,
-    reliability,
-    screen,
     simulate,
-    size,
     spectrum,
     transient,
 )
@@ -385,11 +382,9 @@ def test_hysteresis_leaves_out_what_follows_from_the_past() -> None:
 @pytest.mark.parametrize(
     "calculation",
     [
-        exact, average, screen,
+        exact, average,
         lambda scene: transient(scene, [1.0, 2.0]),
         lambda scene: first_passage(scene, 10.0),
-        lambda scene: reliability(scene, mission=10.0),
-        lambda scene: size(scene, probability=0.01, mission=10.0),
         lambda scene: StructureResonance.of(scene, frequency_hz=1.0),
     ],
 )  # fmt: skip
