@@ -405,7 +405,7 @@ class OneCurve(Family):
 # Each pair alone has its curve of risk against clearance. Pairs share the risk equally where each
 # alone would be hit with the same probability p. The probability that any of them is hit follows
 # from the first outcrossings of all gaps together (`crossings.first_crossings`). So p is the one
-# number that is searched for. For a rate of impacts, or a limit of speed or acceleration, the
+# number that is searched for. For a rate of impacts, or a limit of the hardest one, the
 # impacts at one p after the other are simulated with all stops (`statistics.rare_hits`).
 # ------------------------------------------------------------------------------
 

@@ -583,7 +583,7 @@ def window_sampler(scene: Scene, event: str, window: float, seed: int) -> Window
 
 
 def _largest(sample: list[Vector]) -> Vector:
-    """(windows,): the largest speed or acceleration of each window."""
+    """(windows,): how hard the hardest impact of each window is."""
     return np.concatenate([part[0].max(axis=0) for part in sample])
 
 

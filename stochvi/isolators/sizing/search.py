@@ -212,7 +212,7 @@ class SearchSettings:
 SEARCH = SearchSettings()
 
 ACCEPTED = 0.01
-"""Default probability that a limit of speed or acceleration is exceeded in the mission."""
+"""Default probability that a limit of the hardest impact is exceeded in the mission."""
 
 
 SIMULATED = (

@@ -1007,7 +1007,7 @@ def size(
     NotApplicable
         If the scene is not covered, or no clearance keeps the target.
     NotConverged
-        If the rate of exceedances of a speed or an acceleration does not reach `rel_error` in the
+        If the rate of impacts beyond a limit does not reach `rel_error` in the
         budget, or if impact clusters do not end. After Ctrl-C it is `Interrupted`. `partial` holds
         the `Sizing` with the clearance reached by then.
 
