@@ -69,9 +69,9 @@ def other_sizing(question: Question, other: dict[str, Any]) -> Show | None:
         asked["equipment"] = band("--equipment", other["equipment"])
         question.asks("isolators.sizing.size:size_by_damage", "damage", asked)
         return question.show
-    from stochvi.isolators.sizing.size import is_not_gaussian
+    from stochvi.isolators.sizing.size import is_one_phase
 
-    if scene.phases or is_not_gaussian(scene):
+    if scene.phases or is_one_phase(scene):
         alone = "noise that is not Gaussian, shocks, or a spring or damper that is a function,"
         what = "a scene with phases" if scene.phases else alone
         part = (
@@ -306,6 +306,8 @@ def clearance(question: Question) -> Show:
 )  # fmt: skip
 def size(question: Question) -> Show:
     """Find the clearance that keeps a stated risk.
+
+    Give one target: --probability, --rate, or a limit of the hardest impact.
 
     --probability P (probability)  Target: probability of any impact in the mission, 0.01 or 1%.
     --rate F (rate)  Target: rate of impacts on all stops, 2 (1/s) or 0.1/h.

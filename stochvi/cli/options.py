@@ -21,6 +21,7 @@ import click
 
 from stochvi.cli.program import FAILED, console_for, echo, progress_bar, stop
 from stochvi.results.deadline import Deadline, asked_for, graceful_interrupt, of_command, showing
+from stochvi.statistics.hardness import HARDNESS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -400,6 +401,10 @@ KINDS = {
 
 GROUPS = {
     "BUDGET": BUDGET,
+    "limits": "\n".join(
+        f"--{name.replace('_', '-')} {kind.argument}  Limit: {kind.help}."
+        for name, kind in HARDNESS.items()
+    ),
     "keeping": """
         --checkpoint FILE  Save the simulation to this file. It replaces a checkpoint there; a long
             one is kept as FILE.earlier.
@@ -431,21 +436,10 @@ def on_page(page: str) -> tuple[str, list[Callable[[Any], Any]]]:
     are choices, ":=" is a default that
     help does not show; a kind may also be "needed" or "many".
     """
-    groups = GROUPS | {"limits": _limits_of_hardness() if "{limits}" in page else ""}
-    words, *entries = re.split(r"\n\s*(?=--)", "\n" + page.format(**groups))
+    words, *entries = re.split(r"\n\s*(?=--)", "\n" + page.format(**GROUPS))
     return words[1:], [
         _option(*re.split(r"  |\n\s*", each.strip(), maxsplit=1)) for each in entries
     ]
-
-
-def _limits_of_hardness() -> str:
-    """Options of a page for the limit of each kind of hardness."""
-    from stochvi.statistics.hardness import HARDNESS
-
-    return "\n".join(
-        f"--{name.replace('_', '-')} {kind.argument}  Limit: {kind.help}."
-        for name, kind in HARDNESS.items()
-    )
 
 
 def _option(line: str, words: str) -> Callable[[Any], Any]:

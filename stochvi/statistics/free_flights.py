@@ -1,9 +1,11 @@
-"""First contacts on springs and dampers that are functions: pieces of the motion without stops,
-which the steps of `simulate` follow, and a splitting finds those that reach a stop."""
+"""First contacts where no formula tells them: pieces of the motion without stops, of which a
+splitting finds those that reach a stop. Chapters: pieces on springs and dampers that are functions,
+which the steps of `simulate` follow; the pieces of a model."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,13 +15,16 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import bin_variances, gains
+from stochvi.mathematics.unsteady_noise import FastPeaks, UnreachableKurtosis
 from stochvi.methods.monte_carlo.choose_plan import with_tables
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
-from stochvi.model.coverage import functions_of_arrays, modulated, without_noise
+from stochvi.model.coverage import functions_of_arrays, modulated, not_gaussian, without_noise
 from stochvi.model.model import Model, with_dampers
 from stochvi.model.scales import with_linear_part
 from stochvi.results.errors import NotApplicable
+from stochvi.statistics.crossings import pressed_pairs
 from stochvi.statistics.trial_splitting import (
+    OWN,
     FreeWindows,
     Trials,
     WindowSource,
@@ -27,12 +32,16 @@ from stochvi.statistics.trial_splitting import (
     without_peaks,
 )
 
+# ------------------------------------------------------------------------------
+# Pieces of the motion on springs and dampers that are functions.
+#
 # The noise is a sum over bins of frequency with Gaussian coefficients, white and filtered noise as
 # far as the structure responds to them. A trial is these numbers. The linear part of the mount
 # answers them in closed form, and kicks make up for the rest of its forces, as under any table of
 # `simulate`. In the first part of a piece, which does not count, the motion forgets that it began
 # in that of the linear part. On mounts of all kinds the rate of first contacts was the same within
 # its error, 2 %, for parts of 4 to 24 relaxation times before and of 4 to 12 in either half.
+# ------------------------------------------------------------------------------
 
 HALF, BEFORE = 4.0, 6.0
 """Length of either half of what counts of a piece, and of the part before it, in relaxation times
@@ -156,8 +165,54 @@ def _steps_before(plan: ModalTablesPlan) -> int:
     return math.ceil(plan.burn_in / plan.step)
 
 
-def followed(pieces: FreeWindows) -> FreeWindows:
-    """The same pieces, in steps where a spring or damper is a function."""
-    if not pieces.model.functions:
-        return pieces
-    return FreeFlights(pieces.model, pieces.places, pieces.rows, pieces.longest, pieces.own_seed)
+# ------------------------------------------------------------------------------
+# The pieces of a model, of the kind that its springs and dampers ask for.
+# ------------------------------------------------------------------------------
+
+
+FARTHEST = 2.0
+"""Share of the way to a stop up to which scores are told apart."""
+
+
+def windows_of(
+    model: Model, lower: Sequence[float], upper: Sequence[float], longest: float, seed: int
+) -> FreeWindows:
+    """Pieces of the motion of a model without stops, of at most so many seconds; their score is the
+    largest share of the way to a stop. Raises `NotApplicable` as `windows_over` does."""
+    stops = np.array([lower, upper])
+    near = np.where(np.isfinite(stops), 0.0, math.inf)
+    rows = np.stack([near, FARTHEST * stops])
+    return windows_over(model, np.array([0.0, FARTHEST]), rows, longest, seed)
+
+
+def windows_over(
+    model: Model, places: Vector, rows: NDArray[np.float64], longest: float, seed: int
+) -> FreeWindows:
+    """Pieces of at most so many seconds, whose score is the place of the stops that they reach:
+    distances (places, 2, pairs), m.
+
+    Raises
+    ------
+    NotApplicable
+        If the noise beside that with fast peaks is not Gaussian, if the motion without stops is not
+        stationary, or if a stop presses.
+    """
+    others = tuple(each for each in model.drawn if not isinstance(each[0], FastPeaks))
+    unmet = [
+        *not_gaussian(replace(model, drawn=())),
+        *(["pulses must be left out beside noise with fast peaks"] if others else []),
+        *(["sines must be left out beside noise with fast peaks"] if model.sines else []),
+    ]
+    unmet = unmet or pressed_pairs(model, *rows[-1])
+    if unmet:
+        raise NotApplicable("first_crossings", unmet)
+    for each, _ in model.drawn:
+        try:
+            assert isinstance(each, FastPeaks)
+            each.cubic  # noqa: B018
+        except UnreachableKurtosis as reason:
+            raise NotApplicable("first_crossings", [str(reason)]) from reason
+    own = int(np.random.SeedSequence([seed, OWN]).generate_state(1, np.uint64)[0] >> 1)
+    table = tuple(tuple(tuple(map(float, side)) for side in row) for row in rows)
+    kind = FreeFlights if model.functions else FreeWindows
+    return kind(model, tuple(map(float, places)), table, longest, own)

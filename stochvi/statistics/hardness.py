@@ -182,7 +182,7 @@ class Hardness(ABC):
         """Speed at which an impact on a pair is as hard as a limit, m/s; infinite for none."""
 
     @abstractmethod
-    def missions(self, model: Model, mission: float, start: Start, limit: float) -> MissionPlan:
+    def missions(self, model: Model, mission: float, start: Start, limit: Limit) -> MissionPlan:
         """The missions of one mass under white noise in which an impact exceeds the limit."""
 
     def without_stops(self, model: Model, limit: Limit, mission: float) -> float:
@@ -206,11 +206,10 @@ class FromSpeed(Hardness):
         hardest: Vector = self.at(speeds, masses[:, None]).max(axis=0)
         return hardest
 
-    def missions(self, model: Model, mission: float, start: Start, limit: float) -> MissionPlan:
+    def missions(self, model: Model, mission: float, start: Start, limit: Limit) -> MissionPlan:
         from stochvi.methods.monte_carlo.missions import impact_plan
 
-        asked = Limit(self.name, limit)
-        speeds = [self.speed_of(model, pair, asked) for pair in model.pairs]
+        speeds = [self.speed_of(model, pair, limit) for pair in model.pairs]
         return impact_plan(model, mission, start, *speeds)
 
 
@@ -310,10 +309,10 @@ class PeakAcceleration(Hardness):
             found.append(math.exp(brentq(missing, low, high)) if reached else 1e6)
         return min(found)
 
-    def missions(self, model: Model, mission: float, start: Start, limit: float) -> MissionPlan:
+    def missions(self, model: Model, mission: float, start: Start, limit: Limit) -> MissionPlan:
         from stochvi.methods.monte_carlo.missions import acceleration_plan
 
-        return acceleration_plan(model, mission, start, limit)
+        return acceleration_plan(model, mission, start, limit.value)
 
     def without_stops(self, model: Model, limit: Limit, mission: float) -> float:
         """By crossings of its noise at the slowest natural frequency (Rice)."""

@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Matrix, Vector, Waves
 from stochvi.mathematics.spectra import Table, bin_variances
-from stochvi.mathematics.unsteady_noise import FastPeaks, PeakedRecords, UnreachableKurtosis
+from stochvi.mathematics.unsteady_noise import FastPeaks, PeakedRecords
 from stochvi.methods.monte_carlo.choose_plan import GapResponse
 from stochvi.methods.monte_carlo.plan import bias_of_smooth_motion
-from stochvi.model.coverage import not_gaussian
 from stochvi.model.model import Model
 from stochvi.results.deadline import Deadline
-from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
+from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.estimates import (
     GAUSSIAN_95,
     TOO_FEW,
@@ -37,7 +36,7 @@ from stochvi.results.estimates import (
 from stochvi.sampling.calculations import GivenUp, TrialSampler
 from stochvi.sampling.run import Run
 from stochvi.statistics.clusters import UNFINISHED
-from stochvi.statistics.crossings import PairMotion, memory_of, pressed_pairs
+from stochvi.statistics.crossings import PairMotion, memory_of
 from stochvi.statistics.mission_parts import Hazard
 
 # ------------------------------------------------------------------------------
@@ -517,9 +516,6 @@ numbers that they hold together."""
 TOGETHER = 2**19
 """Number of samples that are synthesised together."""
 
-FARTHEST = 2.0
-"""Share of the way to a stop up to which scores are told apart."""
-
 OWN = 0xF4EE
 """Number that keeps these records apart from other uses of a seed."""
 
@@ -720,49 +716,6 @@ def _highest(records: NDArray[np.float64]) -> NDArray[np.float64]:
     rise = np.divide((after - before) ** 2, 8.0 * bend, out=np.zeros_like(at), where=bend > 0.0)
     inside = (at >= before) & (at >= after)
     return np.asarray(np.where(inside, at + rise, np.maximum(before, after)))
-
-
-def windows_of(
-    model: Model, lower: Sequence[float], upper: Sequence[float], longest: float, seed: int
-) -> FreeWindows:
-    """Pieces of the motion of a model without stops, of at most so many seconds; their score is the
-    largest share of the way to a stop. Raises `NotApplicable` as `windows_over` does."""
-    stops = np.array([lower, upper])
-    near = np.where(np.isfinite(stops), 0.0, math.inf)
-    rows = np.stack([near, FARTHEST * stops])
-    return windows_over(model, np.array([0.0, FARTHEST]), rows, longest, seed)
-
-
-def windows_over(
-    model: Model, places: Vector, rows: NDArray[np.float64], longest: float, seed: int
-) -> FreeWindows:
-    """Pieces of at most so many seconds, whose score is the place of the stops that they reach:
-    distances (places, 2, pairs), m.
-
-    Raises
-    ------
-    NotApplicable
-        If the noise beside that with fast peaks is not Gaussian, if the motion without stops is not
-        stationary, or if a stop presses.
-    """
-    others = tuple(each for each in model.drawn if not isinstance(each[0], FastPeaks))
-    unmet = [
-        *not_gaussian(replace(model, drawn=())),
-        *(["pulses must be left out beside noise with fast peaks"] if others else []),
-        *(["sines must be left out beside noise with fast peaks"] if model.sines else []),
-    ]
-    unmet = unmet or pressed_pairs(model, *rows[-1])
-    if unmet:
-        raise NotApplicable("first_crossings", unmet)
-    for each, _ in model.drawn:
-        try:
-            assert isinstance(each, FastPeaks)
-            each.cubic  # noqa: B018
-        except UnreachableKurtosis as reason:
-            raise NotApplicable("first_crossings", [str(reason)]) from reason
-    own = int(np.random.SeedSequence([seed, OWN]).generate_state(1, np.uint64)[0] >> 1)
-    table = tuple(tuple(tuple(map(float, side)) for side in row) for row in rows)
-    return FreeWindows(model, tuple(map(float, places)), table, longest, own)
 
 
 def has_fast_peaks(model: Model) -> bool:

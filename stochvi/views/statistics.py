@@ -698,7 +698,9 @@ def _gaps_told(found: Reliability) -> list[Section]:
 def plot_gaps(found: Reliability, ax: Axes | None = None) -> Axes:
     """The probabilities of the first gaps with their bounds on a logarithmic axis."""
     shown = [*found.gaps.items()][: 2 * FIRST_GAPS]
-    words = f"probability of a contact in {spoken_mission(found.mission)}, each gap alone"
+    words = (
+        f"probability of a contact in {spoken_mission(found.mission)}, each gap alone, with bounds"
+    )
     chart = listed(ax, [name for name, _ in shown], Scale(words, log=True))
     for row, (_, gap) in enumerate(shown):
         chart.across(

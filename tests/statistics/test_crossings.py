@@ -64,7 +64,8 @@ from stochvi.statistics.crossings import (
     own_distances,
     same_gaps,
 )
-from stochvi.statistics.trial_splitting import pilot, repetition, windows_of
+from stochvi.statistics.free_flights import windows_of
+from stochvi.statistics.trial_splitting import pilot, repetition
 from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases, rel_errors, run_of
 from support.pairs import LAW, diagonal, pair, uncoupled

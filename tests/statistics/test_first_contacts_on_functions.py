@@ -23,8 +23,7 @@ from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.phases import Phase
 from stochvi.scenes.scene import ImpactPair
 from stochvi.scenes.structures.rigid_body import Mount, RigidBody
-from stochvi.statistics.free_flights import FreeFlights, followed, linearised
-from stochvi.statistics.trial_splitting import windows_of
+from stochvi.statistics.free_flights import FreeFlights, linearised, windows_of
 from tests.support.plain_mounts import G, PlainMount
 
 DENSITY = 0.01
@@ -120,7 +119,7 @@ def linear_table(clearance: float) -> Scene:
 def pieces_of(scene: Scene) -> FreeFlights:
     """Pieces of the motion of a scene, up to the stops."""
     model = model_of(scene)
-    found = followed(windows_of(model, [0.01], [0.01], 100.0, 3))
+    found = windows_of(model, [0.01], [0.01], 100.0, 3)
     assert isinstance(found, FreeFlights)
     return found
 

@@ -40,6 +40,7 @@ from stochvi.statistics.reliability.gaps import (
     least,
     ranked,
 )
+from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases
 from support.commands import Run
 from support.known import to_toml
@@ -233,12 +234,18 @@ def test_a_rate_is_that_of_first_crossings_and_twins_count_once() -> None:
         ImpactPair(name=name, on="x", lower=-3.0, upper=3.0, law=HARD) for name in ("left", "right")
     ]
     mission = 60.0
-    (exact,) = first_crossings(two_masses(stops[0]), rel_error=0.02, seed=1).probability(mission)
+    seen = [
+        first_crossings(two_masses(stops[0]), rel_error=0.02, seed=seed).probability(mission)[0]
+        for seed in range(24)
+    ]
+    exact = float(np.mean([each.value for each in seen]))  # known to 0.5 %
     found, both = ranked(model_of(two_masses(*stops)), mission)
     for each in found.values():
-        assert each.probability == pytest.approx(exact.value, rel=0.06)
-        assert each.at_least < exact.value < each.at_most
-    assert both.estimate.value == pytest.approx(exact.value, rel=0.06)
+        # the chain of crossings is near, and Rice's formula alone is not
+        assert each.probability == pytest.approx(exact, rel=0.06)
+        assert each.at_least < exact < each.at_most
+        assert each.at_most > 1.5 * exact
+    assert both.estimate.value == pytest.approx(exact, rel=0.06)
     # of two stops one after the other is reached: one alone has more than half of their risk
     upper = ImpactPair(name="up", on="x", upper=3.0, law=HARD)
     (single,) = ranked(model_of(two_masses(upper)), mission)[0].values()
@@ -285,7 +292,8 @@ def test_a_certain_contact_is_told_at_once() -> None:
 @pytest.mark.slow
 def test_the_first_of_many_are_simulated_where_that_is_asked_for() -> None:
     of = plain(5, 6, MANY + 4)
-    scene = of._replace(upper=of.upper + 1.0, lower=of.lower + 1.0, zeta=10.0 * of.zeta).scene()
+    # so near that the first gap closes in a third of the missions
+    scene = of._replace(upper=0.35 * of.upper, lower=0.35 * of.lower, zeta=10.0 * of.zeta).scene()
     at_once = reliability(scene, mission=20.0)
     assert at_once.cost.paths == 0
     assert len(at_once.gaps) == MANY + 4
@@ -306,9 +314,9 @@ def test_the_first_of_many_are_simulated_where_that_is_asked_for() -> None:
     name = next(iter(found.gaps))
     alone = reliability(scene, mission=20.0, pair=name, rel_error=0.1, seed=1).chances["hit"]
     risk = found.gaps[name]
-    assert alone.estimate.value == pytest.approx(
-        risk.probability, rel=0.15, abs=4.5 * alone.estimate.standard_error
-    )
+    assert_agrees(alone.estimate, risk.probability)
+    with pytest.raises(AssertionError):  # Rice's crossings alone
+        assert_agrees(alone.estimate, risk.at_most)
 
 
 @pytest.mark.slow

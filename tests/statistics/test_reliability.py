@@ -45,6 +45,7 @@ from stochvi.sampling.run import Run as SampledRun
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.impact_laws import Law
 from stochvi.statistics.clusters import bursts
+from stochvi.statistics.hardness import Limit
 from stochvi.statistics.rare_hits import AfterCrossings, ImpactTrials, Windows, kinds_of, rare_hits
 from stochvi.statistics.reliability import choice
 from stochvi.statistics.reliability.choice import Jobs
@@ -395,7 +396,7 @@ def test_the_time_that_expected_impacts_leave_is_for_the_limits(
     monkeypatch.setattr(choice, "first_hit", taking("hit", 0.0))
     monkeypatch.setattr(choice, "_hits", taking("impacts", 3.0))
     monkeypatch.setattr(choice, "exceedance", taking("limit", 10.0))
-    limits = {"impact_speed": 1.0, "peak_acceleration": 9.0}
+    limits = [Limit("impact_speed", 1.0), Limit("peak_acceleration", 9.0)]
     with run_of(rel_error=0.1, seed=1) as run:
         jobs = Jobs(run=run, confidence=0.95, deadline=Deadline.after(60.0))
         choice.by_conditioning(BOX, (-1.0, 1.0), limits, 10.0, jobs)

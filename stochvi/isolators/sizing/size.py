@@ -52,7 +52,7 @@ from stochvi.scenes.scene import Scene
 from stochvi.scenes.validation import varied
 from stochvi.statistics.crossings import FirstCrossings, PairMotion, largest_error, one_gap
 from stochvi.statistics.damage import Damage, damage
-from stochvi.statistics.free_flights import followed, is_followed, linearised
+from stochvi.statistics.free_flights import is_followed, linearised, windows_over
 from stochvi.statistics.hardness import limits_in
 from stochvi.statistics.mission_parts import INDEPENDENT, Hazard, joined, parts_of_mission
 from stochvi.statistics.reliability.missions import (
@@ -67,7 +67,6 @@ from stochvi.statistics.trial_splitting import (
     HazardCurve,
     has_fast_peaks,
     hazard_curve,
-    windows_over,
 )
 
 if TYPE_CHECKING:
@@ -106,9 +105,8 @@ class GapInPhase:
         How much farther up the gap hangs than in the mount as stated.
     sides
         The sides that have a stop.
-    peaked
-        The model of all gaps under noise with fast peaks; None under Gaussian noise, shocks and
-        sines.
+    pieces
+        The model of all gaps where pieces of its motion are followed (`is_followed`), else None.
     curve
         Its risk against clearance; None where crossings count by Rice's formula.
     """
@@ -120,7 +118,7 @@ class GapInPhase:
     shift: float
     sides: tuple[float, ...]
     sweep_rate: float = 0.0
-    peaked: Model | None = None
+    pieces: Model | None = None
     curve: RiskCurve | HazardCurve | None = None
 
     @property
@@ -157,8 +155,8 @@ class GapInPhase:
     def simulated(self, target: Target, run: Run) -> GapInPhase:
         """The gap with its curve of risk, where the level varies that of the level 0 dB in the
         time of the level."""
-        if self.peaked is not None:
-            return replace(self, curve=self._curve_under_peaks(self.peaked, target.value, run))
+        if self.pieces is not None:
+            return replace(self, curve=self._curve_of_pieces(self.pieces, target.value, run))
         level = self.model.level
         time = self.duration if level is None else min(self.duration, level.time)
         curve = curve_of_gap(
@@ -167,12 +165,12 @@ class GapInPhase:
         )  # fmt: skip
         return replace(self, curve=curve)
 
-    def _curve_under_peaks(self, peaked: Model, probability: float, run: Run) -> HazardCurve:
-        """The curve of the hazard against the clearance under noise with fast peaks."""
+    def _curve_of_pieces(self, pieces: Model, probability: float, run: Run) -> HazardCurve:
+        """The curve of the hazard against the clearance, by pieces of the motion."""
         places = np.array([0.0, FARTHEST * self.sigma])
         rows = np.full((2, 2, len(self.together.motions)), math.inf)
         rows[:, :, self.number] = self.distances(places)
-        kind = followed(windows_over(peaked, places, rows, self.duration, run.seed))
+        kind = windows_over(pieces, places, rows, self.duration, run.seed)
         return hazard_curve(kind, -math.log1p(-probability), self.duration, run)
 
     def distances(self, clearances: Vector) -> Matrix:
@@ -335,7 +333,7 @@ class PhaseOfPairs:
         steady = replace(model, level=None)
         linear = linearised(steady)
         free = one_gap(linear) if alone else linear
-        peaked = replace(steady, pairs=free.pairs) if is_followed(steady) else None
+        pieces = replace(steady, pairs=free.pairs) if is_followed(steady) else None
         motion = PairMotion.under_shocks(free)
         pairs = model.pairs or motion.model.pairs
         stated = model_of(as_stated(whole))
@@ -343,7 +341,7 @@ class PhaseOfPairs:
         gaps = tuple(
             GapInPhase(
                 model=model, together=motion, number=number, duration=phase.duration,
-                shift=float(shift), sweep_rate=phase.sweep_rate, peaked=peaked,
+                shift=float(shift), sweep_rate=phase.sweep_rate, pieces=pieces,
                 sides=tuple(float(stop.side) for stop in pair.stops) or SIDES,
             )
             for number, (pair, shift) in enumerate(zip(pairs, shifts, strict=True))
@@ -355,7 +353,7 @@ class PhaseOfPairs:
     @property
     def in_pieces(self) -> bool:
         """Whether no formula tells its crossings, see `is_followed`."""
-        return any(gap.peaked is not None for gap in self.gaps)
+        return any(gap.pieces is not None for gap in self.gaps)
 
     def expected(self, clearances: Sequence[float]) -> float:
         """Rice's number of crossings of all stops at the clearances of the pairs."""
@@ -473,7 +471,7 @@ class AnyPair:
     def simulated(self, run: Run) -> AnyPair:
         """The same from first crossings of all gaps together, or pieces of their motion."""
         if self.phase.in_pieces:
-            curve = self._under_peaks(run)
+            curve = self._of_pieces(run)
             return replace(self, curve=curve, reached=curve.reached)
         together = self.phase.gaps[0].together
         rows = np.full((2, *self.shared.places.shape), math.inf)
@@ -491,15 +489,15 @@ class AnyPair:
             reached=largest_error(found, self.phase.duration),
         )  # fmt: skip
 
-    def _under_peaks(self, run: Run) -> HazardCurve:
-        """The hazard under noise with fast peaks."""
+    def _of_pieces(self, run: Run) -> HazardCurve:
+        """The hazard by pieces of the motion."""
         gaps, duration = self.phase.gaps, self.phase.duration
-        peaked = gaps[0].peaked
-        assert peaked is not None
+        pieces = gaps[0].pieces
+        assert pieces is not None
         places = np.linspace(0.0, FARTHEST_PLACE * self.shared.places.max(), PLACES)[1:]
         clearances = np.array([self.shared.at(each) for each in places])
         rows = np.stack([gap.distances(clearances[:, gap.number]) for gap in gaps], axis=2)
-        kind = followed(windows_over(peaked, places, rows, duration, run.seed))
+        kind = windows_over(pieces, places, rows, duration, run.seed)
         most, least = (float(each) for each in self.shared.hazards[[0, -1]])
         return hazard_curve(kind, most / RANGE, duration, run, most / least)
 
@@ -1030,7 +1028,7 @@ def size(
     """
     target = target_of(probability, rate, limits_in(options), exceedance)
     run = Run.of(options)
-    if not scene.phases and is_not_gaussian(scene):
+    if not scene.phases and is_one_phase(scene):
         whole = Phase(name=MISSION, duration=HOUR if mission is None else mission)
         scene, mission = scene.replace(phases=[whole]), None
     if scene.phases:
@@ -1068,7 +1066,7 @@ def size(
     return _within_tolerances(found, run) if worst else found
 
 
-def is_not_gaussian(scene: Scene) -> bool:
+def is_one_phase(scene: Scene) -> bool:
     """Whether a scene without phases is sized as a mission of one phase. Its noise varies in level
     or has fast peaks, shocks come beside it, or a spring or damper is a function."""
     level, shocks = scene.random_level, scene.has_shocks

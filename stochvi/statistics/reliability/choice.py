@@ -46,12 +46,12 @@ from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.clusters import ImpactCounts, count_impacts
 from stochvi.statistics.crossings import first_crossings, own_distances
-from stochvi.statistics.free_flights import followed, linearised
+from stochvi.statistics.free_flights import linearised, windows_of
 from stochvi.statistics.hardness import Limit
 from stochvi.statistics.rare_hits import Windows, overlap_of, rare_hits
 from stochvi.statistics.rare_hits import exceedance as exceedance_of_pairs
 from stochvi.statistics.reliability.missions import Chance, GapRisk, PairRisk
-from stochvi.statistics.trial_splitting import Question, RareHits, windows_of
+from stochvi.statistics.trial_splitting import Question, RareHits
 
 Way = Literal["crude", "splitting", "first crossings"]
 
@@ -661,7 +661,7 @@ def _by_jackknife(
 
 
 def by_conditioning(
-    scene: Scene, ends: Ends, limits: dict[str, float], mission: float, jobs: Jobs
+    scene: Scene, ends: Ends, limits: list[Limit], mission: float, jobs: Jobs
 ) -> Findings:
     """Probabilities and expected impacts from a stationary start under noise with a memory of its
     own."""
@@ -678,12 +678,12 @@ def by_conditioning(
         found.hits = _hits(scene, mission, jobs.sharing(len(limits)))
     except (NotConverged, Interrupted) as error:
         found.missing["expected_hits"] = str(error)
-    for done, (name, limit) in enumerate(limits.items()):
+    for done, limit in enumerate(limits):
         some = jobs.sharing(len(limits) - done - 1)
         try:
-            found.chances[name] = exceedance(scene, Limit(name, limit), mission, some)
+            found.chances[limit.event] = exceedance(scene, limit, mission, some)
         except (NotConverged, Interrupted) as error:
-            found.missing[name] = str(error)
+            found.missing[limit.event] = str(error)
     return found
 
 
@@ -720,7 +720,7 @@ def first_hit_in_pieces(scene: Scene, pair: str | None, mission: float, jobs: Jo
         others = np.array([each.name != pair for each in model.pairs])
         below, above = (np.where(others, math.inf, each) for each in (below, above))
     pieces = windows_of(model, below.tolist(), above.tolist(), mission, jobs.run.seed)
-    found = Question(1.0, mission, jobs.confidence, jobs.part).answer(followed(pieces))
+    found = Question(1.0, mission, jobs.confidence, jobs.part).answer(pieces)
     assert found is not None  # pieces always end
     moved = "the steps of simulate follow it" if model.functions else (
         "noise with fast peaks moves it as it comes"

@@ -236,7 +236,7 @@ MANY = 16
 """Number of pairs above which gaps are ranked, and nothing is simulated that was not asked for."""
 
 FIRST = 10
-"""Number of gaps that a console lists, and that are simulated where that is asked for."""
+"""Number of gaps that are looked at together, and simulated where that is asked for."""
 
 LOOKED, SELDOM = 20, 0.05
 """Gaps whose clusters are looked at, by Rice: so many at least, and all with this share of the

@@ -163,7 +163,7 @@ def reliability(
     >>> chance.way, abs(chance.estimate.value - 7.29e-7) < 4.5 * chance.estimate.standard_error
     ('splitting', True)
     """
-    run, limits = Run.of(options), limits_in(options)
+    run, hardest = Run.of(options), limits_in(options)
     if scene.phases:
         if mission is not None:
             whole = sum(phase.duration for phase in scene.phases)
@@ -175,7 +175,7 @@ def reliability(
         def of_phase(phase: Scene, duration: float, part: Run) -> Reliability:
             return reliability(
                 phase, mission=duration, barrier=barrier, at=at, pair=pair, start=start, way=way,
-                confidence=confidence, **limits, **part.options(rel_error=run.rel_error),
+                confidence=confidence, **hardest, **part.options(rel_error=run.rel_error),
             )  # fmt: skip
 
         return of_phases(scene, of_phase, run)
@@ -184,11 +184,11 @@ def reliability(
             "mission must be given where the scene has no phases, got none; an hour is 3600 in "
             "Python, --mission 1h on the command line"
         )
-    _check(mission, limits, start, way, run.accuracy, confidence)
+    _check(mission, hardest, start, way, run.accuracy, confidence)
     jobs = Jobs(run=run, confidence=confidence, deadline=run.deadline)
     model = model_of(scene)
     check_pair(model, pair)
-    others = {"barrier": barrier, **limits}
+    others = {"barrier": barrier, **hardest}
     if model.level is not None:
         return _at_varying_level(
             scene, mission, others, pair, run, confidence=confidence, start=start
@@ -199,11 +199,11 @@ def reliability(
         _check_any_impact(MOUNTS if model.functions else drive, scene, others, start)
     if in_pieces or model.drawn or not model.single:
         _check_several(model, barrier, start, way)
-        hardest = limits_of(scene, limits, at)
+        limits = limits_of(scene, hardest, at)
         found = (
             _in_pieces(scene, pair, mission, jobs)
             if in_pieces
-            else _of_pairs(scene, pair, hardest, mission, way, jobs)
+            else _of_pairs(scene, pair, limits, mission, way, jobs)
         )
         return _answered(scene, mission, start, found, jobs)
     if at is not None:
@@ -215,8 +215,7 @@ def reliability(
         raise ValueError(
             f"start = 'rest' is out of reach: {outside}; move them, or take start = 'stationary'"
         )
-    for name in limits:
-        hardness_of(name).check(model)
+    limits = limits_of(scene, hardest, at)
     if coloured:
         found = by_conditioning(scene, ends, limits, mission, jobs)
     else:
@@ -420,7 +419,7 @@ def _in_pieces(scene: Scene, pair: str | None, mission: float, jobs: Jobs) -> Fi
 
 
 def _sampled(
-    model: Model, scene: Scene, ends: Ends, limits: dict[str, float], mission: float,
+    model: Model, scene: Scene, ends: Ends, limits: list[Limit], mission: float,
     start: Start, way: Way | None, jobs: Jobs,
 ) -> Findings:  # fmt: skip
     """Answers under white noise, by missions, and by first crossings where the start allows it."""
@@ -433,8 +432,9 @@ def _sampled(
         plans[name] = passage_plan(model, *ends, mission, start)
     else:
         found.chances[name] = first
-    for event, limit in limits.items():
-        plans[event] = hardness_of(event).missions(model, mission, start, limit)
+    asked = {limit.event: limit for limit in limits}
+    for each in limits:
+        plans[each.event] = each.kind.missions(model, mission, start, each)
     if model.stops:
         # impacts of a stationary motion are proportional to its duration: a duration in which it
         # forgets its start suffices; it costs less than a long mission and shows more impacts than
@@ -447,12 +447,14 @@ def _sampled(
             found.missing["expected_hits"] = str(error)
     for done, (event, plan) in enumerate(plans.items()):
         some = jobs.sharing(len(plans) - done - 1)
+        limit = asked.get(event)
         try:
-            found.chances[event] = some.chance(plan, event, limits.get(event), missions)
+            most = None if limit is None else limit.value
+            found.chances[event] = some.chance(plan, event, most, missions)
         except (NotConverged, Interrupted) as error:
             guided = None
-            if event in limits and start == "stationary" and missions is None:
-                guided = _without_energy(scene, event, limits[event], mission, some)
+            if limit is not None and start == "stationary" and missions is None:
+                guided = _without_energy(scene, limit, mission, some)
             if guided is None:
                 found.missing[event] = str(error)
             else:
@@ -460,15 +462,13 @@ def _sampled(
     return found
 
 
-def _without_energy(
-    scene: Scene, event: str, limit: float, mission: float, jobs: Jobs
-) -> Chance | None:
+def _without_energy(scene: Scene, limit: Limit, mission: float, jobs: Jobs) -> Chance | None:
     """The probability where the energy did not guide a splitting to the event; None without time
     left, or where the stops leave out the mean position."""
     if jobs.deadline.passed():
         return None
     try:
-        found = exceedance(scene, Limit(event, limit), mission, jobs)
+        found = exceedance(scene, limit, mission, jobs)
     except NotApplicable:
         return None
     late = "a splitting by energy did not end in its share of the budget"
@@ -619,14 +619,15 @@ def _beyond_at_the_start(
     ]
 
 
-def _by_the_spring(model: Model, ends: Ends, limits: Mapping[str, float]) -> list[str]:
+def _by_the_spring(model: Model, ends: Ends, limits: list[Limit]) -> list[str]:
     """Warnings where the spring alone exceeds a limit, since only contacts count."""
     farthest = max(abs(end - model.rest) for end in ends if end is not None)
     return [
-        f"{name} of {limit:.4g} {kind.unit} is exceeded without any stop: the spring alone "
-        f"brings {most:.4g} {kind.unit} at a stop; only contacts are counted here"
-        for name, limit in limits.items()
-        if (kind := hardness_of(name)) and (most := kind.by_spring(model, farthest)) >= limit
+        f"{limit.event} of {limit.value:.4g} {limit.kind.unit} is exceeded without any stop: the "
+        f"spring alone brings {most:.4g} {limit.kind.unit} at a stop; only contacts are counted "
+        "here"
+        for limit in limits
+        if (most := limit.kind.by_spring(model, farthest)) >= limit.value
     ]
 
 
