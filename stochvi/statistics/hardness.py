@@ -80,10 +80,7 @@ def hardness_of(event: str) -> Hardness:
     ('an impact faster than 2 m/s', 'm/s^2')
     """
     if event not in HARDNESS:
-        raise ValueError(
-            f"event must be {' or '.join(map(repr, HARDNESS))}, got {event!r}; how hard an impact "
-            "is by others is not known"
-        )
+        raise ValueError(f"event must be {' or '.join(map(repr, HARDNESS))}, got {event!r}")
     return HARDNESS[event]
 
 
@@ -101,8 +98,8 @@ def limits_of(scene: Scene, limits: Mapping[str, float], at: str | None) -> list
 
 
 def check_place(model: Model, at: str | None, names: Iterable[str]) -> None:
-    """`ValueError` for a place that none of these kinds of hardness has, or nothing in the model
-    bears."""
+    """`ValueError` for a place that no such kind of hardness has, or that the model does not
+    know."""
     if at is None:
         return
     placed = [name for name, kind in HARDNESS.items() if kind.has_place]
@@ -190,7 +187,7 @@ class Hardness(ABC):
         return 0.0
 
     def by_spring(self, model: Model, distance: float) -> float:
-        """What the spring of one mass alone brings at a distance, m."""
+        """The hardness that the spring of one mass alone reaches at a distance, m."""
         return 0.0
 
 

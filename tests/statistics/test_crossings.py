@@ -1236,7 +1236,7 @@ def test_what_is_refused() -> None:
     wave = Sine(amplitude=1.0, frequency_hz=7.0, on="x")
     with pytest.raises(NotApplicable, match="sines must be left out beside shocks"):
         reliability(scene(5.0, 5.0, shock(1.0), wave), mission=10.0)
-    with pytest.raises(NotApplicable, match="impact_speed must be left out under shocks"):
+    with pytest.raises(NotApplicable, match="impact_speed must be left out with shocks"):
         reliability(scene(5.0, 5.0, shock(1.0)), mission=10.0, impact_speed=1.0)
     peaked = scene(5.0, 5.0).replace(excitations=[NOISE.replace(kurtosis=5.0), shock(1.0)])
     beside = "pulses must be left out beside noise with fast peaks"

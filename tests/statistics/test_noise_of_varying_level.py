@@ -318,7 +318,7 @@ def test_what_does_not_follow_the_level_refuses_in_a_sentence() -> None:
         ):
             ask(scene)
     with pytest.raises(
-        NotApplicable, match="impact_speed must be left out under noise of varying level"
+        NotApplicable, match="impact_speed must be left out with noise of varying level"
     ):
         reliability(scene, mission=60.0, impact_speed=0.1)
     with pytest.raises(NotApplicable, match="level_time must be long beside the memory"):

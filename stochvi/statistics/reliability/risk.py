@@ -280,7 +280,7 @@ def _at_varying_level(
 def _check_any_impact(drive: str, scene: Scene, others: Mapping[str, object], start: Start) -> None:
     """Raise an error for what is not known under a drive that is not Gaussian."""
     if unmet := [
-        f"{name} must be left out under {drive}, where any impact alone is known, got {value}; "
+        f"{name} must be left out with {drive}, where any impact alone is known, got {value}; "
         "simulate follows the motion"
         for name, value in others.items()
         if value is not None
@@ -289,7 +289,7 @@ def _check_any_impact(drive: str, scene: Scene, others: Mapping[str, object], st
     if start == "rest" or not scene.impact_pairs:
         got = "start = 'rest'" if start == "rest" else "a scene without impact_pair"
         raise NotApplicable(
-            "reliability", [f"{drive} needs stops and a stationary start, got {got}"]
+            "reliability", [f"stops and a stationary start are needed with {drive}, got {got}"]
         )
 
 
@@ -414,7 +414,7 @@ def _in_pieces(scene: Scene, pair: str | None, mission: float, jobs: Jobs) -> Fi
     except NotApplicable as reason:
         raise NotApplicable("reliability", reason.conditions) from reason
     where = MOUNTS if model_of(scene).functions else "noise with fast peaks"
-    followed = f"impacts after the first one are not followed under {where}; impacts counts all"
+    followed = f"impacts after the first one are not followed with {where}; impacts counts all"
     return Findings(chances={"hit": chance}, notes=[followed, *_alone(pair)])
 
 
