@@ -7,11 +7,6 @@ import errno
 import hashlib
 import json
 import math
-import os
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -48,6 +43,7 @@ from stochvi.statistics.reliability.missions import lag_of
 from stochvi.statistics.spectra import spectrum
 from support.accuracies import quick_cases
 from support.clocks import tick
+from support.commands import killed_at_its_first_sample
 from support.known import oscillator as between_stops
 
 # ------------------------------------------------------------------------------
@@ -183,18 +179,7 @@ def test_killed_it_goes_on(tmp_path: Path) -> None:
     scene.write_text(TOML, encoding="utf-8")
     command = ["impacts", str(scene), "--seed", "2", "--paths", "30000", "--duration", "20"]
     command += ["--threads", "1"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "stochvi", *command, "--checkpoint", str(kept),
-         "--checkpoint-interval", "0.01"],
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    deadline = time.monotonic() + 600.0
-    while time.monotonic() < deadline and process.poll() is None:
-        if kept.exists() and Checkpoint.read(kept).samples:
-            break
-        time.sleep(0.01)
-    process.send_signal(signal.SIGKILL if os.name == "posix" else signal.SIGTERM)
-    process.wait()
+    killed_at_its_first_sample(*command, "--checkpoint", kept, "--checkpoint-interval", "0.01")
     assert Checkpoint.read(kept).samples
     documents = []
     for more in ([*command], ["impacts", str(scene), "--resume", str(kept)]):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -38,3 +40,24 @@ def refused(run: Finished) -> str:
     (line,) = run.err.splitlines()
     assert line.startswith("stochvi: ")
     return line.removeprefix("stochvi: ")
+
+
+KILLED = """\
+import os
+from stochvi.__main__ import run
+from stochvi.sampling.checkpoints import Checkpoint
+write = Checkpoint.write
+def write_and_die(checkpoint):
+    write(checkpoint)
+    if any(each.paths for each in checkpoint.samples.values()):
+        os._exit(9)
+Checkpoint.write = write_and_die
+run()
+"""
+
+
+def killed_at_its_first_sample(*arguments: object) -> None:
+    """A command that dies, as by `kill -9`, once its checkpoint holds paths: a kill from outside
+    comes too late wherever this process waits for a core."""
+    ended = subprocess.run([sys.executable, "-c", KILLED, *map(str, arguments)], check=False)
+    assert ended.returncode == 9

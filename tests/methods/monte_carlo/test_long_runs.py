@@ -39,6 +39,7 @@ from stochvi.scenes.excitations import TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene, load_scene
 from stochvi.scenes.structures import Isolator
+from support.commands import killed_at_its_first_sample
 from support.known import oscillator as between_stops
 
 SCENE = """\
@@ -491,11 +492,7 @@ def test_a_killed_run_goes_on(tmp_path: Path) -> None:
     kept, asked = tmp_path / "run", {"paths": 40_000, "duration": 100.0, "seed": 11}
     ask = ["--paths", 40_000, "--duration", 100, "--seed", 11, "--threads", 1, "--quiet"]
     ask += ["--checkpoint", kept, "--checkpoint-interval", 0.02]
-    with subprocess.Popen(command("simulate", tmp_path / "scene.toml", *ask)) as process:
-        while paths_in(kept) == 0:
-            time.sleep(0.02)
-            assert process.poll() is None
-        process.kill()
+    killed_at_its_first_sample("simulate", tmp_path / "scene.toml", *ask)
     assert 0 < paths_in(kept) < 40_000
     scene = load_scene(tmp_path / "scene.toml")
     assert digits(simulate(scene, resume=kept)) == digits(simulate(scene, **asked))
