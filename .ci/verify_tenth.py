@@ -1,5 +1,5 @@
 """The tenth of `make verify` that was run longest ago, or what ends in some minutes of it:
-`python .ci/verify_tenth.py [--log] [--minutes 15]`.
+`python .ci/verify_tenth.py [--log] [--minutes 15] [--share 0.1]`.
 
 `tests/verify_log.csv` holds, for each long test, when it last passed, at which commit, and how
 many seconds it took. Tests that never passed come first, then the oldest; ties are drawn by the
@@ -52,8 +52,10 @@ def read(log: Path) -> dict[str, Passed]:
         return {row.test: row for row in rows}
 
 
-def tenth(tests: Iterable[str], log: dict[str, Passed], commit: str) -> list[str]:
-    """Tests run longest ago that take a tenth of the time of all.
+def tenth(
+    tests: Iterable[str], log: dict[str, Passed], commit: str, share: float = SHARE
+) -> list[str]:
+    """Tests run longest ago that take a tenth, or another share, of the time of all.
 
     >>> log = {name: Passed(name, date, "", 10.0) for name, date in zip("abcdefghi", "987654321")}
     >>> tenth("abcdefghi", log, "")
@@ -68,7 +70,7 @@ def tenth(tests: Iterable[str], log: dict[str, Passed], commit: str) -> list[str
     def turn(test: str) -> tuple[str, str]:
         return rows[test].date, hashlib.sha256((commit + test).encode()).hexdigest()
 
-    left = SHARE * sum(row.seconds for row in rows.values())
+    left = share * sum(row.seconds for row in rows.values())
     chosen = []
     for test in sorted(rows, key=turn):
         if left <= 0.0:
@@ -108,10 +110,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--log", action="store_true", help="write what passed into the log")
     parser.add_argument("--minutes", type=float, default=math.inf, help="begin none after that")
+    parser.add_argument("--share", type=float, default=SHARE, help="of the time of all of them")
     wanted = parser.parse_args()
     commit = printed(["git", "rev-parse", "--short=8", "HEAD"]).strip()
     log, tests = read(LOG), collected()
-    chosen = tenth(tests, log, commit)
+    chosen = tenth(tests, log, commit, wanted.share)
     never = sum(test not in log for test in tests)
     print(f"{len(chosen)} of {len(tests)} long tests; {never} never passed yet", flush=True)
     end, today, failed = time.monotonic() + 60.0 * wanted.minutes, datetime.date.today(), 0
@@ -131,12 +134,16 @@ def main() -> int:
             failed |= ended.returncode
             for test, seconds in seconds_of_passed(report).items():
                 log[test] = Passed(test, today.isoformat(), commit, round(seconds, 1))
-    if wanted.log:
-        with LOG.open("w", encoding="utf-8", newline="") as lines:
-            writer = csv.writer(lines, lineterminator="\n")
-            writer.writerow(Passed._fields)
-            writer.writerows(log[test] for test in tests if test in log)
+        if wanted.log:
+            write(log[test] for test in tests if test in log)
     return failed
+
+
+def write(rows: Iterable[Passed]) -> None:
+    with LOG.open("w", encoding="utf-8", newline="") as lines:
+        writer = csv.writer(lines, lineterminator="\n")
+        writer.writerow(Passed._fields)
+        writer.writerows(rows)
 
 
 if __name__ == "__main__":
