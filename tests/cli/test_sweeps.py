@@ -50,6 +50,7 @@ from stochvi.views.datasets import (
     write_sweep,
 )
 from support.commands import ELASTIC, Run, one_document, refused
+from support.refusals import refusals
 from support.sized import scene_between_stops, sizing_of
 
 R = "impact_pair.0.law.coefficient"
@@ -297,22 +298,18 @@ def test_a_table_that_changed_is_another_row(tmp_path: Path) -> None:
     assert value(0.01) == first
 
 
-@pytest.mark.parametrize(
-    ("key", "said"),
-    [
-        ("impact_pairs.0.upper", "did you mean 'impact_pair.0.upper'"),
-        ("impact_pair.1.upper", "did you mean 'impact_pair.0.upper'"),
-        ("impact_pair.0.law", "did you mean 'impact_pair.0.law"),
-        ("coefficient", "did you mean 'impact_pair.0.law.coefficient'"),
-        ("clearance", "did you mean 'impact_pair.0.clearance'"),
-        ("impact_pair.0.law.restitution", "with .*law.restitution"),
-        ("structure.kind", "is not a number of the scene"),
-        ("structure.dampin", "did you mean 'damping'"),
-    ],
+test_unknown_keys_name_the_nearest = refusals(
+    lambda key: sweep(oscillator(), {key: [0.5]}, method="exact"),
+    ("impact_pairs.0.upper", "did you mean 'impact_pair.0.upper'"),
+    ("impact_pair.1.upper", "did you mean 'impact_pair.0.upper'"),
+    ("impact_pair.0.law", "did you mean 'impact_pair.0.law"),
+    ("coefficient", "did you mean 'impact_pair.0.law.coefficient'"),
+    ("clearance", "did you mean 'impact_pair.0.clearance'"),
+    ("impact_pair.0.law.restitution", "with .*law.restitution"),
+    ("structure.kind", "is not a number of the scene"),
+    ("structure.dampin", "did you mean 'damping'"),
+    pattern=True,
 )
-def test_unknown_keys_name_the_nearest(key: str, said: str) -> None:
-    with pytest.raises(SceneError, match=said):
-        sweep(oscillator(), {key: [0.5]}, method="exact")
 
 
 def test_a_key_that_was_left_out_can_be_varied() -> None:
@@ -704,43 +701,37 @@ def test_a_checkpoint_of_a_row_that_is_damaged_is_left(tmp_path: Path) -> None:
         assert list((tmp_path / "rows").iterdir()) == [kept]
 
 
-@pytest.mark.parametrize(
-    ("vary", "said"),
-    [
-        ({GAP: []}, "has no values"),
-        ({GAP: 0.5}, "must have a list of numbers, got 0.5"),
-        ({GAP: "1"}, "must have a list of numbers, got '1'"),
-        ({GAP: ["a"]}, "got 'a' among them"),
-        ({GAP: [[1, 2]]}, r"got \[1, 2\] among them"),
-        ({GAP: [True]}, "got True among them"),
-        ({GAP: [1.0], "impact_pair.00.upper": [2.0]}, f"{GAP} is given twice"),
-        ({"impact_pair.².upper": [1.0]}, "did you mean"),
-        ({}, "at least one key"),
-        ([GAP], "at least one key"),
-    ],
+test_ranges_that_are_none_are_refused = refusals(
+    lambda vary: sweep(oscillator(), vary, method="exact"),
+    ({GAP: []}, "has no values"),
+    ({GAP: 0.5}, "must have a list of numbers, got 0.5"),
+    ({GAP: "1"}, "must have a list of numbers, got '1'"),
+    ({GAP: ["a"]}, "got 'a' among them"),
+    ({GAP: [[1, 2]]}, r"got \[1, 2\] among them"),
+    ({GAP: [True]}, "got True among them"),
+    ({GAP: [1.0], "impact_pair.00.upper": [2.0]}, f"{GAP} is given twice"),
+    ({"impact_pair.².upper": [1.0]}, "did you mean"),
+    ({}, "at least one key"),
+    ([GAP], "at least one key"),
+    error=ValueError,
+    pattern=True,
 )
-def test_ranges_that_are_none_are_refused(vary: object, said: str) -> None:
-    with pytest.raises(ValueError, match=said):
-        sweep(oscillator(), vary, method="exact")
 
 
-@pytest.mark.parametrize(
-    ("asked", "said"),
-    [
-        ({"seed": -1, "common": False}, "seed must be in"),
-        ({"seed": 1.5}, "seed must be a whole number"),
-        ({"out": ""}, "out must name a folder"),
-        ({"checkpoint": "run", "out": "rows"}, "give checkpoint or out, not both"),
-        ({"method": "size"}, "give exactly one of probability, rate.* got none"),
-        ({"method": "size", "probability": 2.0}, r"probability must be in \(0, .*got 2"),
-        ({"method": "size", "rate": "a"}, "rate must be a number"),
-        ({"method": "size", "rate": 1.0, "pair": "wall"}, "pair must name impact pairs"),
-        ({"method": "closure", "form": "clumps"}, "form must be left out .* method='linearise'"),
-    ],
+test_arguments_that_make_no_sense_are_refused = refusals(
+    lambda asked: sweep(oscillator(), {GAP: [1.0]}, **asked),
+    ({"seed": -1, "common": False}, "seed must be in"),
+    ({"seed": 1.5}, "seed must be a whole number"),
+    ({"out": ""}, "out must name a folder"),
+    ({"checkpoint": "run", "out": "rows"}, "give checkpoint or out, not both"),
+    ({"method": "size"}, "give exactly one of probability, rate.* got none"),
+    ({"method": "size", "probability": 2.0}, r"probability must be in \(0, .*got 2"),
+    ({"method": "size", "rate": "a"}, "rate must be a number"),
+    ({"method": "size", "rate": 1.0, "pair": "wall"}, "pair must name impact pairs"),
+    ({"method": "closure", "form": "clumps"}, "form must be left out .* method='linearise'"),
+    error=ValueError,
+    pattern=True,
 )
-def test_arguments_that_make_no_sense_are_refused(asked: dict, said: str) -> None:
-    with pytest.raises(ValueError, match=said):
-        sweep(oscillator(), {GAP: [1.0]}, **asked)
 
 
 def test_numbers_of_numpy_are_the_same_rows(tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ from stochvi.scenes.impact_laws.rigid import (
 )
 from stochvi.scenes.scene import scene_from
 from support.drops import G, contact, force, record, restitution
+from support.refusals import refusals
 
 SPEEDS = np.geomspace(0.1, 4.0, 24)
 CASES = pytest.mark.parametrize("cases", [30, pytest.param(400, marks=pytest.mark.verify)])
@@ -342,24 +343,20 @@ def test_intervals_of_few_rows_hold_as_often_as_they_say(law: str, rows: int, ca
         coverage(list(each), 0.93)
 
 
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: Rebounds(approach=[1.0], rebound=[3.0]), "exchange the columns"),
-        (lambda: Rebounds(approach=[1.0, -1.0], rebound=[0.5, 0.5]), "speeds above 0, got -1"),
-        (lambda: Rebounds(approach=[1.0, 2.0], rebound=[0.5]), "as many speeds as approach"),
-        (lambda: Rebounds(approach=[np.nan], rebound=[0.5]), "must be a list of finite numbers"),
-        (lambda: Rebounds.of_times([0.0, 0.2, 0.1]), "at least 3 rising numbers"),
-        (lambda: Rebounds.of_times([0.0, 0.2, 0.3], height=-1.0), "height must be a positive"),
-        (lambda: ForceCurve(deflection=[-1.0, 0.0], force=[1.0, 1.0]), "force must be positive"),
-        (lambda: DropRecord(acceleration=np.eye(200)[90], fs=1e4, mass=1.0), "at a higher rate"),
-        (lambda: DropRecord(acceleration=np.ones(9), fs=1e4, mass=0.0), "mass must be a positive"),
-        (lambda: identify([0.7]), "test must be Rebounds, a ForceCurve or a DropRecord, got list"),
-    ],
+test_what_is_no_test_is_refused = refusals(
+    lambda make: make(),
+    (lambda: Rebounds(approach=[1.0], rebound=[3.0]), "exchange the columns"),
+    (lambda: Rebounds(approach=[1.0, -1.0], rebound=[0.5, 0.5]), "speeds above 0, got -1"),
+    (lambda: Rebounds(approach=[1.0, 2.0], rebound=[0.5]), "as many speeds as approach"),
+    (lambda: Rebounds(approach=[np.nan], rebound=[0.5]), "must be a list of finite numbers"),
+    (lambda: Rebounds.of_times([0.0, 0.2, 0.1]), "at least 3 rising numbers"),
+    (lambda: Rebounds.of_times([0.0, 0.2, 0.3], height=-1.0), "height must be a positive"),
+    (lambda: ForceCurve(deflection=[-1.0, 0.0], force=[1.0, 1.0]), "force must be positive"),
+    (lambda: DropRecord(acceleration=np.eye(200)[90], fs=1e4, mass=1.0), "at a higher rate"),
+    (lambda: DropRecord(acceleration=np.ones(9), fs=1e4, mass=0.0), "mass must be a positive"),
+    (lambda: identify([0.7]), "test must be Rebounds, a ForceCurve or a DropRecord, got list"),
+    error=ValueError,
 )
-def test_what_is_no_test_is_refused(make: Callable[[], object], words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        make()
 
 
 # ------------------------------------------------------------------------------
@@ -424,20 +421,14 @@ def test_a_curve_is_not_read_in_other_units_than_its_heading_states(
     assert read_test(file, "force", unit="mm,kN").observed.tolist() == [100.0, 210.0, 300.0]
 
 
-@pytest.mark.parametrize(
-    ("text", "keys", "words"),
-    [
-        ("1,2\n3,4\n", {"kind": "speeds"}, "must be 'm/s,m/s', got none"),
-        ("a (g),b (m/s)\n1,2\n3,4\n", {"kind": "speeds"}, "states the unit 'g' above column 1"),
-        ("1,2\n3,4\n", {"kind": "speeds", "unit": "m/s"}, "must name 2 units, as 'm/s,m/s'"),
-        ("1,2,3,4\n3,4,5,6\n", {"kind": "force"}, "expected two numbers"),
-        ("0,1,2\n0,2,3\n1,2,3\n", {"kind": "force", "unit": "s,mm,N"}, "rising times"),
-        ("approach (m/s),rebound (m/s)\n1,2\n", {"kind": "drop"}, "mass must be given for a drop"),
-        ("1\n2\n", {"kind": "rebound"}, "kind must be"),
-    ],
+test_what_is_no_file_of_a_test_is_refused = refusals(
+    lambda tmp_path, text, keys: read_test(written(tmp_path, text), **keys),
+    ("1,2\n3,4\n", {"kind": "speeds"}, "must be 'm/s,m/s', got none"),
+    ("a (g),b (m/s)\n1,2\n3,4\n", {"kind": "speeds"}, "states the unit 'g' above column 1"),
+    ("1,2\n3,4\n", {"kind": "speeds", "unit": "m/s"}, "must name 2 units, as 'm/s,m/s'"),
+    ("1,2,3,4\n3,4,5,6\n", {"kind": "force"}, "expected two numbers"),
+    ("0,1,2\n0,2,3\n1,2,3\n", {"kind": "force", "unit": "s,mm,N"}, "rising times"),
+    ("approach (m/s),rebound (m/s)\n1,2\n", {"kind": "drop"}, "mass must be given for a drop"),
+    ("1\n2\n", {"kind": "rebound"}, "kind must be"),
+    error=(SceneError, ValueError),
 )
-def test_what_is_no_file_of_a_test_is_refused(
-    tmp_path: Path, text: str, keys: dict[str, str], words: str
-) -> None:
-    with pytest.raises((SceneError, ValueError), match=words):
-        read_test(written(tmp_path, text), **keys)  # type: ignore[arg-type]

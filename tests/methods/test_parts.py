@@ -82,6 +82,7 @@ from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases
 from support.known import values
 from support.pairs import diagonal
+from support.refusals import refusals
 from support.relays import RelayTwin
 from support.soft_stops import scene
 
@@ -262,18 +263,14 @@ def test_explain_says_what_flies_and_what_does_not() -> None:
     assert found.methods["simulate"] == "applies"
 
 
-@pytest.mark.parametrize(
-    ("method", "law", "words"),
-    [
-        (linearise, OWN, "law must be 'viscoelastic' where it has a damper, got 'function'"),
-        (fokker_planck, OWN, "law.force must depend on the speed by a linear damper alone"),
-        (linearise, ForceFunction(force=ball), "law.energy must be known, got none of kind"),
-        (fokker_planck, ForceFunction(force=ball), "law.energy must be known, got none of kind"),
-    ],
+test_a_method_says_by_name_what_it_lacks = refusals(
+    lambda method, law: method(scene(-1.0, 1.0, law)),
+    (linearise, OWN, "law must be 'viscoelastic' where it has a damper, got 'function'"),
+    (fokker_planck, OWN, "law.force must depend on the speed by a linear damper alone"),
+    (linearise, ForceFunction(force=ball), "law.energy must be known, got none of kind"),
+    (fokker_planck, ForceFunction(force=ball), "law.energy must be known, got none of kind"),
+    error=NotApplicable,
 )
-def test_a_method_says_by_name_what_it_lacks(method, law: Law, words: str) -> None:
-    with pytest.raises(NotApplicable, match=words):
-        method(scene(-1.0, 1.0, law))
 
 
 def test_the_exact_law_needs_the_energy() -> None:
@@ -288,18 +285,13 @@ def test_a_function_that_numba_does_not_compile_is_refused_in_a_sentence() -> No
         simulate(scene(-1.0, 1.0, law), paths=8, duration=1.0)
 
 
-@pytest.mark.parametrize(
-    ("force", "words"),
-    [
-        (lambda y: 1.0, r"takes a deflection \(m\) and a speed \(m/s\)"),
-        (lambda y, v: "hard", "returns a number, got ValueError"),
-        (lambda y, v: -y, "not negative at rest, got -1e-09 at 1e-09 m"),
-        (lambda y, v: float("nan"), "finite number"),
-    ],
+test_a_function_that_is_no_force_is_refused = refusals(
+    lambda force: ForceFunction(force=force),
+    (lambda y: 1.0, "takes a deflection (m) and a speed (m/s)"),
+    (lambda y, v: "hard", "returns a number, got ValueError"),
+    (lambda y, v: -y, "not negative at rest, got -1e-09 at 1e-09 m"),
+    (lambda y, v: float("nan"), "finite number"),
 )
-def test_a_function_that_is_no_force_is_refused(force, words: str) -> None:
-    with pytest.raises(SceneError, match=words):
-        ForceFunction(force=force)
 
 
 # ---- a law of the package is two files ----------------------------------------------------------
@@ -916,18 +908,13 @@ def test_no_error_is_taken_from_the_atlas_of_constant_restitutions() -> None:
         assert scattered.coordinates["x"]["velocity_std"].bias is None
 
 
-@pytest.mark.parametrize(
-    ("method", "words"),
-    [
-        (exact, r"restitution must be 1 \(an elastic stop\), got 0.7 ± 0.1"),
-        (lambda scene: harmonic_response(sine(scene)), "which scatters; give its mean alone"),
-        (lambda scene: perturbations(sine(scene), [1.0]), "which scatters; give its mean alone"),
-    ],
-    ids=["exact", "sine", "perturbations"],
+test_methods_that_cannot_follow_it_say_so = refusals(
+    lambda method: method(scene_of_of_scatter({"mean": 0.7, "std": 0.1})),
+    (exact, "restitution must be 1 (an elastic stop), got 0.7 ± 0.1"),
+    (lambda scene: harmonic_response(sine(scene)), "which scatters; give its mean alone"),
+    (lambda scene: perturbations(sine(scene), [1.0]), "which scatters; give its mean alone"),
+    error=NotApplicable,
 )
-def test_methods_that_cannot_follow_it_say_so(method: Callable[[Scene], Any], words: str) -> None:
-    with pytest.raises(NotApplicable, match=words):
-        method(scene_of_of_scatter({"mean": 0.7, "std": 0.1}))
 
 
 def sine(scene: Scene) -> Scene:
@@ -1022,23 +1009,19 @@ def test_bodies_have_the_restitution_of_their_formulas() -> None:
     assert law_of("viscoelastic", coefficient=1.0).conservative
 
 
-@pytest.mark.parametrize(
-    ("keys", "sentence"),
-    [
-        ({"coefficient": 0.5}, "needs body where coefficient is one number"),
-        ({"coefficient": [0.5, 0.4]}, "needs speed where coefficient is a list"),
-        ({"coefficient": [0.5, 0.4], "speed": [1.0]}, "as many entries .* got 2 and 1"),
-        ({"coefficient": [0.5, 0.4], "speed": [2.0, 1.0]}, "increasing speed, got 1 after 2"),
-        ({"coefficient": [0.5, 1.4], "speed": [1.0, 2.0]}, r"in \[0, 1\], got 1.4"),
-        ({"coefficient": 1.5, "body": "yielding"}, r"in \[0.01, 1\] with a body, got 1.5"),
-        ({"coefficient": 0.5, "body": "power"}, "needs exponent with body = 'power'"),
-        ({"coefficient": 0.5, "body": "stone"}, "body must be 'viscoelastic'"),
-        ({"coefficient": lambda w: 0.5, "body": "power"}, "takes no body .* is a function"),
-    ],
+test_what_is_wrong_is_said_in_a_sentence = refusals(
+    SpeedRestitution,
+    ({"coefficient": 0.5}, "needs body where coefficient is one number"),
+    ({"coefficient": [0.5, 0.4]}, "needs speed where coefficient is a list"),
+    ({"coefficient": [0.5, 0.4], "speed": [1.0]}, "as many entries .* got 2 and 1"),
+    ({"coefficient": [0.5, 0.4], "speed": [2.0, 1.0]}, "increasing speed, got 1 after 2"),
+    ({"coefficient": [0.5, 1.4], "speed": [1.0, 2.0]}, r"in \[0, 1\], got 1.4"),
+    ({"coefficient": 1.5, "body": "yielding"}, r"in \[0.01, 1\] with a body, got 1.5"),
+    ({"coefficient": 0.5, "body": "power"}, "needs exponent with body = 'power'"),
+    ({"coefficient": 0.5, "body": "stone"}, "body must be 'viscoelastic'"),
+    ({"coefficient": lambda w: 0.5, "body": "power"}, "takes no body .* is a function"),
+    pattern=True,
 )
-def test_what_is_wrong_is_said_in_a_sentence(keys: dict[str, Any], sentence: str) -> None:
-    with pytest.raises(SceneError, match=sentence):
-        SpeedRestitution(**keys)
 
 
 # ---- methods that follow it ----------------------------------------------------------------------

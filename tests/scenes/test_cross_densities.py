@@ -45,6 +45,7 @@ from stochvi.scenes.excitations.noise import ROUGHNESS, QuarterCar, velocity_den
 from stochvi.scenes.forces import CrossDensity
 from stochvi.testing import assert_agrees
 from support.boxes import box, direct_matrices, tables
+from support.refusals import refusals
 
 AXES = (0, 2)
 """Columns of x and z, between which the cross density stands."""
@@ -196,19 +197,14 @@ def test_simulated_masses_have_the_covariance_of_their_forces() -> None:
                 assert_agrees(found[name].displacement_std, wrong)
 
 
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        ({"coherence": 1.5}, r"must be in \[0, 1\]"),
-        ({"coherence": [0.5, 0.6]}, "one number, or one for each of 1 values"),
-        ({"coherence": 0.5, "unit": "N2/Hz"}, "needs no unit"),
-        ({"phase_deg": 30.0}, "needs coherence"),
-        ({"coherence": 0.5, "between": ["first", "third"]}, "names of excitations are first, sec"),
-    ],
+test_what_is_no_correlation_is_refused = refusals(
+    lambda keys: pushed([{"between": ["first", "second"]} | keys]),
+    ({"coherence": 1.5}, "must be in [0, 1]"),
+    ({"coherence": [0.5, 0.6]}, "one number, or one for each of 1 values"),
+    ({"coherence": 0.5, "unit": "N2/Hz"}, "needs no unit"),
+    ({"phase_deg": 30.0}, "needs coherence"),
+    ({"coherence": 0.5, "between": ["first", "third"]}, "names of excitations are first, sec"),
 )
-def test_what_is_no_correlation_is_refused(keys: dict[str, Any], words: str) -> None:
-    with pytest.raises(SceneError, match=words):
-        pushed([{"between": ["first", "second"]} | keys])
 
 
 def test_names_of_excitations_are_told_apart() -> None:
@@ -288,18 +284,13 @@ def test_a_resonance_may_be_correlated() -> None:
     assert rms(shaken([cross], resonance, table)) != pytest.approx(free, rel=1e-2)
 
 
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        ({"coherence": 0.5, "phase_deg": 30.0}, "phase_deg of 0 or 180, between white noises"),
-        ({"coherence": [0.5, 0.2], "frequency_hz": [1.0, 2.0]}, "one coherence"),
-    ],
+test_white_noises_that_would_not_stay_white_are_refused = refusals(
+    lambda keys: shaken(
+        [CrossDensity(between=["first", "second"], **keys)], *whites("first", "second")
+    ),
+    ({"coherence": 0.5, "phase_deg": 30.0}, "phase_deg of 0 or 180, between white noises"),
+    ({"coherence": [0.5, 0.2], "frequency_hz": [1.0, 2.0]}, "one coherence"),
 )
-def test_white_noises_that_would_not_stay_white_are_refused(
-    keys: dict[str, Any], words: str
-) -> None:
-    with pytest.raises(SceneError, match=words):
-        shaken([CrossDensity(between=["first", "second"], **keys)], *whites("first", "second"))
 
 
 def test_white_noise_is_joined_with_white_noise_alone() -> None:
@@ -643,18 +634,15 @@ def test_what_is_no_filter_is_refused(keys: dict[str, Any], words: str) -> None:
         )
 
 
-@pytest.mark.parametrize(
-    ("wrong", "sentence"),
-    [
-        ({"C": Scene}, "C must be a list, got <class"),
-        ({"C": "x"}, "C must be a list, got 'x'"),
-        ({"B": 3.0}, "B must be a list, got 3.0"),
-        ({"B": [[1.0], [2.0, 3.0]]}, "needs B with 1 rows of equal length"),
-    ],
+test_what_is_no_matrix_is_refused = refusals(
+    lambda wrong: StateSpaceNoise(
+        **{"intensity": 1.0, "A": [[-1.0]], "B": [1.0], "C": [1.0]} | wrong
+    ),
+    ({"C": Scene}, "C must be a list, got <class"),
+    ({"C": "x"}, "C must be a list, got 'x'"),
+    ({"B": 3.0}, "B must be a list, got 3.0"),
+    ({"B": [[1.0], [2.0, 3.0]]}, "needs B with 1 rows of equal length"),
 )
-def test_what_is_no_matrix_is_refused(wrong: dict[str, Any], sentence: str) -> None:
-    with pytest.raises(SceneError, match=sentence):
-        StateSpaceNoise(**{"intensity": 1.0, "A": [[-1.0]], "B": [1.0], "C": [1.0]} | wrong)
 
 
 # ------------------------------------------------------------------------------
@@ -722,25 +710,19 @@ def test_a_level_and_a_default_band() -> None:
     assert "secondary sources" in plain.assumptions()[0]
 
 
-@pytest.mark.parametrize(
-    ("keys", "sentence"),
-    [
-        ({"road": "C"}, "needs exactly one of speed and speed_kmh, got none"),
-        ({"speed": 10.0}, "needs exactly one of road and roughness, got none"),
-        (
-            {"road": "C", "roughness": 1e-5, "speed": 10.0},
-            "needs exactly one of road and roughness, got road, roughness",
-        ),
-        ({"road": "J", "speed": 10.0}, "road must be 'A', 'B', 'C', 'D', 'E', 'F', 'G' or 'H'"),
-        ({"road": "C", "speed": -10.0}, "speed must be greater than 0, got -10.0"),
-        ({"road": "C", "speed": 10.0, "on": "x"}, "moves the base, on = 'base', got on = 'x'"),
-        ({"road": "C", "speed": 10.0, "level_db": 300.0}, "level_db outside -200..200, got 300"),
-    ],
+test_a_mistake_gives_a_sentence = refusals(
+    RoadNoise,
+    ({"road": "C"}, "needs exactly one of speed and speed_kmh, got none"),
+    ({"speed": 10.0}, "needs exactly one of road and roughness, got none"),
+    (
+        {"road": "C", "roughness": 1e-5, "speed": 10.0},
+        "needs exactly one of road and roughness, got road, roughness",
+    ),
+    ({"road": "J", "speed": 10.0}, "road must be 'A', 'B', 'C', 'D', 'E', 'F', 'G' or 'H'"),
+    ({"road": "C", "speed": -10.0}, "speed must be greater than 0, got -10.0"),
+    ({"road": "C", "speed": 10.0, "on": "x"}, "moves the base, on = 'base', got on = 'x'"),
+    ({"road": "C", "speed": 10.0, "level_db": 300.0}, "level_db outside -200..200, got 300"),
 )
-def test_a_mistake_gives_a_sentence(keys, sentence: str) -> None:
-    with pytest.raises(SceneError) as failure:
-        RoadNoise(**keys)
-    assert sentence in str(failure.value)
 
 
 # ------------------------------------------------------------------------------
@@ -905,19 +887,14 @@ def test_a_load_of_the_base_may_stand_beside_the_road() -> None:
     assert mean == pytest.approx(-9.80665 / MOUNT.omega**2)
 
 
-@pytest.mark.parametrize(
-    ("keys", "sentence"),
-    [
-        ({}, "needs body_mass, wheel_mass"),
-        ({"preset": "golden-car", "wheel_mass": 3.0}, "takes a preset, or parameters of its own"),
-        ({"preset": "van"}, "golden-car"),
-        (OWN | {"body_mass": -1.0}, "body_mass"),
-        ({key: OWN[key] for key in list(OWN)[:4]}, "needs tyre_stiffness"),
-    ],
+test_a_vehicle_that_is_not_whole_is_refused = refusals(
+    QuarterCar,
+    ({}, "needs body_mass, wheel_mass"),
+    ({"preset": "golden-car", "wheel_mass": 3.0}, "takes a preset, or parameters of its own"),
+    ({"preset": "van"}, "golden-car"),
+    (OWN | {"body_mass": -1.0}, "body_mass"),
+    ({key: OWN[key] for key in list(OWN)[:4]}, "needs tyre_stiffness"),
 )
-def test_a_vehicle_that_is_not_whole_is_refused(keys: dict[str, Any], sentence: str) -> None:
-    with pytest.raises(SceneError, match=sentence):
-        QuarterCar(**keys)
 
 
 def test_what_does_not_go_through_a_vehicle_is_refused() -> None:

@@ -47,6 +47,7 @@ from stochvi.statistics.spectra import spectrum
 from stochvi.testing import assert_agrees
 from stochvi.views.files import write_table
 from support.records import write_uff
+from support.refusals import refusals
 
 FREQUENCY = np.array([5.0, 40.0, 500.0])
 DENSITY = np.array([0.015, 0.015, 0.00015])
@@ -970,17 +971,12 @@ def test_a_scene_file_names_the_spectrum_in_its_folder(written: Path) -> None:
     np.testing.assert_allclose(louder.table.density, 10.0 * loaded.excitations[0].table.density)
 
 
-@pytest.mark.parametrize(
-    ("keys", "sentence"),
-    [
-        ({}, "must say whose acceleration is meant: 'body' or 'wheel'"),
-        ({"of": "boot"}, "must be 'body' or 'wheel', got 'boot'"),
-        ({"of": "body", "unit": "g2/Hz"}, "take out the one that is wrong"),
-    ],
+test_a_choice_that_is_not_there_is_refused = refusals(
+    lambda written, keys: TabulatedNoise(on="base", file=str(written), **keys),
+    ({}, "must say whose acceleration is meant: 'body' or 'wheel'"),
+    ({"of": "boot"}, "must be 'body' or 'wheel', got 'boot'"),
+    ({"of": "body", "unit": "g2/Hz"}, "take out the one that is wrong"),
 )
-def test_a_choice_that_is_not_there_is_refused(written: Path, keys: dict, sentence: str) -> None:
-    with pytest.raises(SceneError, match=sentence):
-        TabulatedNoise(on="base", file=str(written), **keys)
 
 
 def test_of_is_refused_for_other_tables(tmp_path: Path) -> None:

@@ -56,6 +56,7 @@ from support.integrators import (
     write_statistics,
 )
 from support.known import ELASTIC_STOPS, RIGID_STOPS
+from support.refusals import refusals
 
 FEW = ("linear", "elastic-half-sigma", "lossy-half-sigma")
 
@@ -291,48 +292,43 @@ def test_a_response_of_an_integrator_goes_into_a_comparison() -> None:
 # What is refused ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("returned", "sentence"),
-    [
-        ([1.0], "must return a dict"),
-        ({}, "must return a dict"),
-        ({"velocity_rms": (1.0, 0.1)}, "'velocity_rms', expected"),
-        ({"velocity_std": (1.0, -0.1)}, "standard_error must be at least 0"),
-        ({"velocity_mean_square": np.ones(3)}, "16 or more paths"),
-        ({"velocity_std": 1.0}, r"a tuple \(value, standard error\)"),
-        ({}, "got an empty dict"),
-        ({"velocity_mean_square": np.ones(99), "velocity_std": (1.0, 0.1)}, "a mixture"),
-        ({"displacement": np.ones(99)}, "raise relaxations to 96"),
-        ({"displacement": np.ones((500, 64))}, r"\(64, samples\).*transposed, paths come first"),
-        ({"velocity": np.ones((1, 500))}, "leave out the axis of length 1"),
-        ({"velocity": np.ones((63, 500))}, r"velocity of shape \(63, 500\)"),
-        ({"velocity": np.ones((64, 0))}, r"velocity of shape \(64, 0\)"),
-        ({"velocity": np.ones((64, 5, 2))}, r"velocity of shape \(64, 5, 2\)"),
-        ({"velocity": np.ones(10)}, "at least 32"),
-        ({"velocity": np.zeros(0)}, r"velocity of shape \(0,\)"),
-        ({"velocity": 1.0}, r"velocity of shape \(\)"),
-        ({"velocity": np.ones((64, 5)) + 1j}, "velocity .* not of complex"),
-        ({"velocity": [[1, 2], [3]] * 32}, "velocity .* row of the same length"),
-        ({"velocity": "fast"}, "velocity of type str"),
-        ({"velocity": np.ones((64, 5)), "collision_rate": np.ones(64)}, "together with records"),
-        ({"velocity": np.ones((64, 9)), "displacement": np.ones(999)}, "of the same paths"),
-        ({"impact_speed": [[1.0]] * 63}, "each of the 64 paths"),
-        ({"impact_speed": [[1.0], ["fast"]] * 32}, "impact_speed of type list"),
-        ({"impact_time": [1.0]}, "impact_time without impact_speed"),
-        ({"velocity_std": np.ones(64)}, "per path give velocity_mean_square"),
-        ({"displacement_std": np.ones(64)}, "per path give displacement_mean_square"),
-        ({"velocity_std": (1.0, None)}, r"velocity_std = \(1.0, None\), expected"),
-        ({"velocity_std": ("a", "b")}, "velocity_std = .* expected"),
-        ({"velocity_std": (1.0, 0.0)}, "without a standard error"),
-        ({"velocity_std": Estimate(value=1.0)}, "without a standard error"),
-        ({"velocity_mean_square": (np.ones(64), np.ones(64))}, "velocity_mean_square = "),
-    ],
+test_what_an_integrator_must_not_return_is_refused_in_a_sentence = refusals(
+    lambda returned: judge(lambda problem, seed: returned, ["linear"], paths=64),
+    ([1.0], "must return a dict"),
+    ({}, "must return a dict"),
+    ({"velocity_rms": (1.0, 0.1)}, "'velocity_rms', expected"),
+    ({"velocity_std": (1.0, -0.1)}, "standard_error must be at least 0"),
+    ({"velocity_mean_square": np.ones(3)}, "16 or more paths"),
+    ({"velocity_std": 1.0}, r"a tuple \(value, standard error\)"),
+    ({}, "got an empty dict"),
+    ({"velocity_mean_square": np.ones(99), "velocity_std": (1.0, 0.1)}, "a mixture"),
+    ({"displacement": np.ones(99)}, "raise relaxations to 96"),
+    ({"displacement": np.ones((500, 64))}, r"\(64, samples\).*transposed, paths come first"),
+    ({"velocity": np.ones((1, 500))}, "leave out the axis of length 1"),
+    ({"velocity": np.ones((63, 500))}, r"velocity of shape \(63, 500\)"),
+    ({"velocity": np.ones((64, 0))}, r"velocity of shape \(64, 0\)"),
+    ({"velocity": np.ones((64, 5, 2))}, r"velocity of shape \(64, 5, 2\)"),
+    ({"velocity": np.ones(10)}, "at least 32"),
+    ({"velocity": np.zeros(0)}, r"velocity of shape \(0,\)"),
+    ({"velocity": 1.0}, r"velocity of shape \(\)"),
+    ({"velocity": np.ones((64, 5)) + 1j}, "velocity .* not of complex"),
+    ({"velocity": [[1, 2], [3]] * 32}, "velocity .* row of the same length"),
+    ({"velocity": "fast"}, "velocity of type str"),
+    ({"velocity": np.ones((64, 5)), "collision_rate": np.ones(64)}, "together with records"),
+    ({"velocity": np.ones((64, 9)), "displacement": np.ones(999)}, "of the same paths"),
+    ({"impact_speed": [[1.0]] * 63}, "each of the 64 paths"),
+    ({"impact_speed": [[1.0], ["fast"]] * 32}, "impact_speed of type list"),
+    ({"impact_time": [1.0]}, "impact_time without impact_speed"),
+    ({"velocity_std": np.ones(64)}, "per path give velocity_mean_square"),
+    ({"displacement_std": np.ones(64)}, "per path give displacement_mean_square"),
+    ({"velocity_std": (1.0, None)}, r"velocity_std = \(1.0, None\), expected"),
+    ({"velocity_std": ("a", "b")}, "velocity_std = .* expected"),
+    ({"velocity_std": (1.0, 0.0)}, "without a standard error"),
+    ({"velocity_std": Estimate(value=1.0)}, "without a standard error"),
+    ({"velocity_mean_square": (np.ones(64), np.ones(64))}, "velocity_mean_square = "),
+    error=ValueError,
+    pattern=True,
 )
-def test_what_an_integrator_must_not_return_is_refused_in_a_sentence(
-    returned: Any, sentence: str
-) -> None:
-    with pytest.raises(ValueError, match=sentence):
-        judge(lambda problem, seed: returned, ["linear"], paths=64)
 
 
 @pytest.mark.parametrize(

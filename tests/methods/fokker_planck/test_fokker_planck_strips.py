@@ -46,6 +46,7 @@ from stochvi.scenes.impact_laws import Law
 from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases
 from support.known import BENCH, NATURAL, RIGID_STOPS, RigidStops, oscillator, values
+from support.refusals import refusals
 
 LOSSY_ROWS = [row for row in RIGID_STOPS if row.restitution < 1.0]
 
@@ -457,17 +458,13 @@ def test_the_command_line_takes_what_gives_way_and_six_digits(tmp_path: Path) ->
     assert 0.0 < share["bias"] < 1e-6
 
 
-@pytest.mark.parametrize(
-    ("scene", "words"),
-    [
-        (nonlinear(lambda x: 0.0 * x, damping=0.1), "must hold the mass"),
-        (nonlinear(duffing, damping_force=lambda v: 0.0 * v), "take up the power"),
-        (nonlinear(duffing, damping=0.0), "damping must be positive"),
-    ],
+test_a_nonlinear_scene_without_a_state_is_refused = refusals(
+    fokker_planck,
+    (nonlinear(lambda x: 0.0 * x, damping=0.1), "must hold the mass"),
+    (nonlinear(duffing, damping_force=lambda v: 0.0 * v), "take up the power"),
+    (nonlinear(duffing, damping=0.0), "damping must be positive"),
+    error=NotApplicable,
 )
-def test_a_nonlinear_scene_without_a_state_is_refused(scene: Scene, words: str) -> None:
-    with pytest.raises(NotApplicable, match=words):
-        fokker_planck(scene)
 
 
 # The density ------------------------------------------------------------------------------------

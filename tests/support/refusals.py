@@ -1,0 +1,38 @@
+"""Refusals: what is asked, and the words of the sentence that answers it."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from stochvi.results.errors import SceneError
+
+
+def refusals(
+    call: Callable[..., object], *rows: tuple[Any, ...],
+    error: type[Exception] | tuple[type[Exception], ...] = SceneError, pattern: bool = False,
+) -> Callable[..., None]:  # fmt: skip
+    """A test of a call, one case a row: its last arguments, then words that its sentence holds.
+
+    One dictionary in a row gives the call its keywords where the call is a class. The arguments
+    before those of the row are fixtures. The words may be a regular expression, a `pattern`.
+    """
+    keywords = inspect.isclass(call)
+    taken = [] if keywords else inspect.signature(call).parameters.values()
+    needed = [each.name for each in taken if each.default is each.empty and each.kind < 2]
+    fixtures = needed[: max(0, len(needed) - len(rows[0]) + 1)]
+
+    @pytest.mark.parametrize("row", rows, ids=lambda row: str(row[-1]))
+    def refused(row: tuple[Any, ...], request: pytest.FixtureRequest) -> None:
+        *arguments, words = row
+        given = [request.getfixturevalue(name) for name in fixtures]
+        with pytest.raises(error) as failure:
+            call(**arguments[0]) if keywords else call(*given, *arguments)
+        sentence = str(failure.value)
+        assert re.search(words, sentence) if pattern else words in sentence
+
+    return refused
