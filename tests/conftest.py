@@ -18,6 +18,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import pytest
 
 from stochvi.cli import main
+from support import records
 from support.commands import Finished, Run
 
 # Without bytecode on the disk every worker, and every process that a test starts, compiles each
@@ -43,6 +44,18 @@ def stochvi(capsys: pytest.CaptureFixture[str]) -> Run:
         return Finished(stop.value.code, *capsys.readouterr())
 
     return run
+
+
+@pytest.fixture
+def apart() -> None:
+    """Binary files are read in processes of their own in spite of `read_here`."""
+
+
+@pytest.fixture
+def read_here(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Binary files of other programs are read in this process, but for tests that want one."""
+    if "apart" not in request.fixturenames:
+        monkeypatch.setattr("stochvi.scenes.readers.subprocess.run", records.read_here)
 
 
 @pytest.fixture

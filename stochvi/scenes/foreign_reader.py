@@ -37,22 +37,27 @@ def main(kind: str, path: str, modules: str) -> None:
     os.dup2(2, 1)  # what a library prints is no answer
     limit()
     sys.path[:] = json.loads(modules)
+    answer(kind, path, output)
+    output.close()
+
+
+def answer(kind: str, path: str, output: BinaryIO) -> None:
+    """Write the arrays of a file, or why there are none."""
     warnings.simplefilter("ignore")
     try:
         arrays = list(within_limit(READERS[kind](path)))
     except MemoryError:
-        answer: dict[str, Any] = {"error": "memory"}
+        error = {"error": "memory"}
     except EOFError:
-        answer = {"error": "short"}
+        error = {"error": "short"}
     except NotImplementedError:
-        answer = {"error": "version"}
-    except Exception as error:  # libraries raise errors of many kinds when they parse
-        answer = {"error": "unreadable", "text": type(error).__name__}
+        error = {"error": "version"}
+    except Exception as raised:  # libraries raise errors of many kinds when they parse
+        error = {"error": "unreadable", "text": type(raised).__name__}
     else:
         write(output, arrays)
         return
-    output.write(json.dumps(answer).encode() + b"\n")
-    output.close()
+    output.write(json.dumps(error).encode() + b"\n")
 
 
 def limit() -> None:
@@ -92,7 +97,6 @@ def write(output: BinaryIO, arrays: list[dict[str, Any]]) -> None:
         for axis in ("x", "y"):
             if each[axis] is not None:
                 output.write(each[axis].astype("<f8").tobytes())
-    output.close()
 
 
 def matlab(path: str) -> Iterator[dict[str, Any]]:

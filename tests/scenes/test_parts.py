@@ -6,6 +6,7 @@ import copy
 import json
 import math
 import pickle
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -506,23 +507,29 @@ def swept(clearance: float, **phase: Any) -> Scene:
     )  # fmt: skip
 
 
-def moved(accelerations: np.ndarray) -> np.ndarray:
-    """Relative displacement of the mount on a base with these accelerations."""
-    f = np.fft.rfftfreq(len(accelerations), 1.0 / RATE)
+@cache
+def lines(samples: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of each spectral line the size in the noise of the road, and the gain of the mount from a
+    base acceleration to its relative displacement."""
+    f = np.fft.rfftfreq(samples, 1.0 / RATE)
+    table = TabulatedNoise(profile=PROFILE).table
+    low, high = table.frequency_hz[[0, -1]]
+    density = np.where((f >= low) & (f <= high), table(np.clip(f, low, high)), 0.0)
     w, own = 2.0 * math.pi * f, 2.0 * math.pi * NATURAL
     gain = -1.0 / (own**2 - w**2 + 2j * ZETA * own * w)
-    return np.asarray(np.fft.irfft(np.fft.rfft(accelerations) * gain, len(accelerations)))
+    return 0.5 * np.sqrt(density * samples * RATE), gain
+
+
+def moved(accelerations: np.ndarray) -> np.ndarray:
+    """Relative displacement of the mount on a base with these accelerations."""
+    samples = len(accelerations)
+    return np.fft.irfft(np.fft.rfft(accelerations) * lines(samples)[1], samples)
 
 
 def road(random: np.random.Generator, samples: int) -> np.ndarray:
-    table = TabulatedNoise(profile=PROFILE).table
-    f = np.fft.rfftfreq(samples, 1.0 / RATE)
-    low, high = table.frequency_hz[[0, -1]]
-    density = np.where((f >= low) & (f <= high), table(np.clip(f, low, high)), 0.0)
-    parts = random.standard_normal((2, len(f)))
-    return np.asarray(
-        np.fft.irfft(0.5 * (parts[0] + 1j * parts[1]) * np.sqrt(density * samples * RATE), samples)
-    )
+    size = lines(samples)[0]
+    parts = random.standard_normal((2, len(size)))
+    return np.fft.irfft((parts[0] + 1j * parts[1]) * size, samples)
 
 
 def moving(random: np.random.Generator, samples: int, band: dict[str, Any]) -> np.ndarray:
@@ -899,7 +906,8 @@ def test_gaps_over_stops_with_own_distributions_have_the_closed_mean() -> None:
 def test_the_risk_is_that_of_the_same_tolerances_on_the_command_line() -> None:
     scene = scene_from(DOCUMENT | {"impact_pair": [{"clearance": {"mean": 0.0121, "std": 1.5e-4}}
                                                    | {"law": SOFT}]})  # fmt: skip
-    asked = {"mission": 60.0, "rel_error": 0.3, "seed": 2, "threads": 1}
+    # one seed gives both the same draws: few of them show a difference
+    asked = {"mission": 60.0, "rel_error": 0.9, "seed": 2, "threads": 1}
     _, stated = tolerances_of(
         mean_unit(scene), "frequency=normal:3%,damping=uniform:20%,clearance=normal:0.15mm"
     )

@@ -49,6 +49,8 @@ from stochvi.views.files import write_table
 from support.records import write_uff
 from support.refusals import refusals
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 FREQUENCY = np.array([5.0, 40.0, 500.0])
 DENSITY = np.array([0.015, 0.015, 0.00015])
 NAMES = ("frequency_hz", "density")
@@ -230,6 +232,7 @@ def test_any_text_gives_columns_or_a_sentence(tmp_path_factory, content) -> None
 
 
 # each of these is read by a process of its own; `make verify` has hundreds of damaged files
+@pytest.mark.usefixtures("apart")
 @pytest.mark.slow
 @settings(max_examples=12, deadline=None)
 @given(content=ANYTHING, suffix=st.sampled_from([".uff", ".mat", ".unv"]))
@@ -268,6 +271,7 @@ def test_any_table_comes_back_from_its_text(tmp_path_factory, rows, parted, head
     assert list(zip(table.frequency_hz.tolist(), table.density.tolist(), strict=True)) == rows
 
 
+@pytest.mark.usefixtures("apart")
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".uff", ".mat"])
 def test_a_truncated_file_gives_a_sentence(tmp_path: Path, suffix: str) -> None:
@@ -407,6 +411,7 @@ def of_record(path: Path, **keys: object) -> RecordedNoise:
     return RecordedNoise(file=str(path), **keys)
 
 
+@pytest.mark.usefixtures("apart")
 @pytest.mark.skipif(sys.platform == "win32", reason="needs signals")
 def test_a_byte_that_makes_the_reader_crash_is_a_sentence(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
@@ -420,6 +425,7 @@ def test_a_byte_that_makes_the_reader_crash_is_a_sentence(tmp_path: Path) -> Non
         of_record(path, unit="g", fs=100.0)
 
 
+@pytest.mark.usefixtures("apart")
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["mat", "uff", "npy", "npz"])
 def test_damaged_files_are_refused_in_a_sentence_or_read(tmp_path: Path, kind: str) -> None:
@@ -473,7 +479,7 @@ def test_a_file_that_claims_more_than_it_may_hold_takes_no_memory(
 
 
 @pytest.fixture
-def read_by(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+def read_by(apart: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
     """Has files read by another program in place of the reader."""
 
     def other(program: str) -> None:
@@ -739,6 +745,7 @@ def write_text(path: Path) -> None:
     write_op4(path, binary=False)
 
 
+@pytest.mark.usefixtures("apart")
 def test_files_of_others_leave_the_printing_of_numbers_alone(tmp_path: Path) -> None:
     write_op4(tmp_path / "model.op4")
     Matrices(file=str(tmp_path / "model.op4"), **NAMES_OF_MATRIX_FILES)

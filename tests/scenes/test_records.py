@@ -34,6 +34,8 @@ from stochvi.scenes.scene import load_scene
 from stochvi.testing import assert_agrees
 from support.records import write_uff
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 FS, DENSITY = 400.0, 0.5
 OMEGA = 2.0 * math.pi * 12.0
 DAMPING_RATE = 0.2 * OMEGA

@@ -44,6 +44,8 @@ from stochvi.scenes.structures import Bar, Plate
 from support.boxes import PLACES, box, direct_matrices, scene_with
 from support.refusals import refusals
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 # ------------------------------------------------------------------------------
 # A structure by its natural modes: from numbers, a table, a UFF file, finite elements.
 # ------------------------------------------------------------------------------
@@ -319,7 +321,7 @@ def test_modes_that_stand_still_leave_their_compliance() -> None:
 
 
 def test_a_finite_element_model_from_a_file_gives_the_numbers_of_its_matrices(
-    tmp_path: Path,
+    tmp_path: Path, apart: None
 ) -> None:
     keys = {"impact_pairs": PAIRS["point"], "excitations": [DRIVES["weights"]]}
     wanted = numbers(by_matrices(**keys))
