@@ -47,6 +47,7 @@ from stochvi.views.isolator_tables import production_section, production_told
 from stochvi.views.pages import print_told
 from support import judges
 from support.accuracies import quick_cases, run_of
+from support.refusals import refusals
 
 WHITE = [WhiteNoise(density=0.01, unit="g2/Hz")]
 LAW = Restitution(coefficient=0.5)
@@ -299,17 +300,13 @@ def test_tolerances_of_the_command_line() -> None:
     assert tolerances_of(scene, "level=2dB") == (Tolerances(frequency=0.1, level_db=2.0), {})
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("frequency=norm:3%", "--tolerances must be usual, or"),
-        ("level=normal:1dB:0dB:0dB", "got 'level=normal:1dB:0dB:0dB'"),
-        ("clearance=0.1mm", "the tolerance of clearance must be a distribution"),
-    ],
+test_tolerances_that_nobody_understands_are_refused = refusals(
+    lambda text: tolerances_of(ONE_STOP, text),
+    ("frequency=norm:3%", "--tolerances must be usual, or"),
+    ("level=normal:1dB:0dB:0dB", "got 'level=normal:1dB:0dB:0dB'"),
+    ("clearance=0.1mm", "the tolerance of clearance must be a distribution"),
+    error=ValueError,
 )
-def test_tolerances_that_nobody_understands_are_refused(text: str, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        tolerances_of(ONE_STOP, text)
 
 
 def test_spreads_that_a_scene_does_not_have_are_refused() -> None:

@@ -63,6 +63,7 @@ from stochvi.scenes.scene import scene_from
 from stochvi.verification.testing.judging import Z
 from support.accuracies import quick_cases, run_of
 from support.mounts import HOUR, ten_hertz, truck
+from support.refusals import refusals
 
 ONE_PER_CENT = Target(name="probability", value=0.01, unit="1")
 
@@ -520,14 +521,12 @@ def test_a_case_without_time_is_a_row_that_says_so(sizing: Sizing) -> None:
     assert len(missing) and all("raise budget" in note for note in missing["note"])
 
 
-@pytest.mark.parametrize(
-    ("stated", "sentence"),
-    [({"frequency": 1.0}, r"tolerance of frequency must be in \[0, 1\)"),
-     ({"level_db": -1.0}, "tolerance of level must be in")],
-)  # fmt: skip
-def test_tolerances_have_their_ranges(stated: dict[str, float], sentence: str) -> None:
-    with pytest.raises(ValueError, match=sentence):
-        Tolerances(**stated)
+test_tolerances_have_their_ranges = refusals(
+    Tolerances,
+    ({"frequency": 1.0}, "tolerance of frequency must be in [0, 1)"),
+    ({"level_db": -1.0}, "tolerance of level must be in"),
+    error=ValueError,
+)
 
 
 def test_the_tolerances_of_the_scene_stand_unless_others_are_stated() -> None:

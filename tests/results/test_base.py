@@ -27,7 +27,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 from matplotlib.colors import to_hex
 from pandas.api.types import is_float_dtype
 
@@ -35,7 +34,6 @@ import stochvi
 from stochvi import Elastic, ImpactPair, Isolator, Oscillator, Restitution, Scene, WhiteNoise
 from stochvi.cli import answer_schema as schemas
 from stochvi.cli.answer_schema import answer_schema
-from stochvi.cli.program import main
 from stochvi.identification import DropRecord, ForceCurve, Rebounds
 from stochvi.isolators import Spread, perturbations
 from stochvi.isolators.record_verdict import response_law
@@ -979,16 +977,6 @@ def test_a_mount_far_above_its_record_is_screened() -> None:
     found = response_law(density, top=125.0, natural=1e4, width=2e3)
     zero, two = 115.0, (120.0**3 - 5.0**3) / 3.0
     assert found.crossing_rate == pytest.approx(math.sqrt(two / zero), rel=0.03)
-
-
-def test_a_curve_of_clearances_needs_stops(tmp_path: Path) -> None:
-    path = tmp_path / "bare.toml"
-    path.write_text(
-        '[structure]\nkind = "isolator"\nfrequency_hz = 12.0\nzeta = 0.1\n'
-        '[[excitation]]\nkind = "psd"\nprofile = "mil-std-810h-truck-vertical-5hz"\n'
-    )
-    found = CliRunner().invoke(main, ["clearance", str(path)])
-    assert found.exit_code == 2 and "the scene needs an impact_pair" in found.output
 
 
 # ------------------------------------------------------------------------------

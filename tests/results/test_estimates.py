@@ -268,11 +268,6 @@ def test_a_document_that_lacks_a_part_is_not_a_response(key: str):
         Response.from_dict(document)
 
 
-def test_the_json_refuses_what_is_not_a_number():
-    with pytest.raises(ValueError, match="not JSON compliant"):
-        to_json({"speed_threshold": math.nan})
-
-
 def test_the_frame_of_a_response_has_a_row_for_each_estimate_and_a_column_for_each_fact():
     response = exact(oscillator(-1.0, 1.0))
     frame = response.to_frame()

@@ -761,15 +761,6 @@ def test_stops_that_are_hit_all_the_time_have_no_bursts() -> None:
         bursts(scene, rel_error=0.3)
 
 
-@pytest.mark.verify
-def test_a_seed_gives_the_same_digits_on_any_number_of_threads() -> None:
-    scene = uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0))
-    rates: list[Estimate] = [
-        bursts(scene, rel_error=0.2, seed=8, threads=threads).hit_rate() for threads in (1, 2)
-    ]
-    assert rates[0] == rates[1]
-
-
 @pytest.mark.slow
 def test_telling_of_the_progress_does_not_change_the_answer() -> None:
     """A block of a box has fewer paths than an error needs."""

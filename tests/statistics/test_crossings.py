@@ -248,15 +248,6 @@ def test_correlation_is_that_of_an_oscillator_in_white_noise() -> None:
     np.testing.assert_allclose(bend[:20] / bend[0], slope[:20], atol=2e-2)
 
 
-def test_digits_depend_on_the_seed_alone() -> None:
-    one, two, other = (
-        first_crossings(UNIT, [3.0], rel_error=0.2, seed=seed, threads=threads)
-        for seed, threads in ((1, 1), (1, 3), (2, 1))
-    )
-    np.testing.assert_array_equal(one.ages, two.ages)
-    assert not np.array_equal(one.ages, other.ages)
-
-
 def test_stops_of_the_scene_do_not_matter() -> None:
     stops = ImpactPair(lower=-0.5, law=Elastic(stiffness=5.0))
     stopped = UNIT.model_copy(update={"impact_pairs": (stops,)})

@@ -24,6 +24,7 @@ from stochvi.scenes.phases import Phase
 from stochvi.scenes.scene import ImpactPair
 from stochvi.scenes.structures.rigid_body import Mount, RigidBody
 from stochvi.statistics.free_flights import FreeFlights, linearised, windows_of
+from support.refusals import refusals
 from tests.support.plain_mounts import G, PlainMount
 
 DENSITY = 0.01
@@ -140,25 +141,19 @@ def test_on_a_linear_spring_pieces_are_the_linear_motion() -> None:
     assert np.abs(other.flown(bent_numbers, other.counted) - linear).max() > 1e-4
 
 
-@pytest.mark.parametrize(
-    ("scene", "arguments", "words"),
-    [
-        (mount(0.01, damper=Coulomb(force=5.0)), {"impact_speed": 0.1}, "any impact alone"),
-        (mount(0.01, damper=Coulomb(force=5.0)), {"start": "rest"}, "stationary start"),
-        (
-            mount(0.01, damper=Coulomb(force=5.0)).replace(
-                excitations=[WHITE, Sine(amplitude=1.0, frequency_hz=20.0)]
-            ),
-            {},
-            "sines must be left out",
+test_what_is_not_known_on_functions_is_refused = refusals(
+    lambda scene, arguments: reliability(scene, mission=10.0, **arguments),
+    (mount(0.01, damper=Coulomb(force=5.0)), {"impact_speed": 0.1}, "any impact alone"),
+    (mount(0.01, damper=Coulomb(force=5.0)), {"start": "rest"}, "stationary start"),
+    (
+        mount(0.01, damper=Coulomb(force=5.0)).replace(
+            excitations=[WHITE, Sine(amplitude=1.0, frequency_hz=20.0)]
         ),
-    ],
+        {},
+        "sines must be left out",
+    ),
+    error=NotApplicable,
 )
-def test_what_is_not_known_on_functions_is_refused(
-    scene: Scene, arguments: dict[str, Any], words: str
-) -> None:
-    with pytest.raises(NotApplicable, match=words):
-        reliability(scene, mission=10.0, **arguments)
 
 
 @pytest.mark.slow

@@ -368,13 +368,6 @@ def test_area_is_the_variance_with_stops() -> None:
     assert abs(2.0 * area - truth) > 4.5 * error + df * float(curve.bias.sum())
 
 
-def test_threads_do_not_change_a_digit() -> None:
-    one, two = (spectrum(FREE, paths=40, seed=9, threads=threads) for threads in (1, 2))
-    np.testing.assert_array_equal(
-        one.curves["x"]["displacement"].value, two.curves["x"]["displacement"].value
-    )
-
-
 def test_filtered_noise_and_sine() -> None:
     scene = Scene(
         structure=Isolator(frequency_hz=1.0, zeta=0.1),

@@ -114,16 +114,9 @@ class Blocks:
         return self.done - before
 
 
-RUNS = {
+RUNS = {  # by paths, and missions one by one: `sampling/test_every_sampler.py`
     "spectrum by error": (spectrum, oscillator, {"rel_error": 0.05}),
-    "spectrum by paths": (spectrum, oscillator, {"paths": 600, "segment": 60.0}),
     "impacts by error": (impacts, oscillator, {"rel_error": 0.006, "duration": 20.0}),
-    "impacts by paths": (impacts, oscillator, {"paths": 3000, "duration": 20.0}),
-    "reliability by missions": (
-        reliability,
-        oscillator,
-        {"mission": 100.0, "impact_speed": 2.5, "start": "rest", "rel_error": 0.1},
-    ),
     "reliability by crossings": (
         reliability,
         truck,

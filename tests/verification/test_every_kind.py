@@ -808,19 +808,6 @@ def test_the_cheapest_step_is_the_longest_whose_bias_allows_it() -> None:
 # The scene --------------------------------------------------------------------------------
 
 
-def digits(found: WorkPrecision) -> list[tuple[float, ...]]:
-    return [
-        (one.step, one.value, one.standard_error, one.step_bias, one.step_bias_error)
-        for one in found.errors
-    ]
-
-
-def test_digits_depend_on_the_seed_and_not_on_the_threads() -> None:
-    first = cost(LOSSY, paths=600, seed=5, threads=1)
-    assert digits(first) == digits(cost(LOSSY, paths=600, seed=5, threads=3))
-    assert digits(first) != digits(cost(LOSSY, paths=600, seed=6, threads=1))
-
-
 def test_the_steps_of_a_table_are_sampling_intervals_on_the_same_noise() -> None:
     scene = load_scene(shipped_scene("isolator-truck"))
     plans = ladder(make_plan(model_of(scene), None, None))

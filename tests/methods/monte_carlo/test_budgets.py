@@ -85,17 +85,37 @@ SCENES = {
 }
 """Scenes by what is special in their kernels."""
 
+MORE_SCENES = {
+    name: zoo_files()[name]
+    for name in (
+        "viscoelastic-stops", "chain-viscoelastic-stops", "psd-truck-elastic", "psd-spring-stops"
+    )
+}  # fmt: skip
+
+
+def short_plan(name: str, refined: bool = False) -> Any:
+    model = model_of(load_scene((SCENES | MORE_SCENES)[name]))
+    plan = make_plan(model, None, None, refined)
+    duration = {"tables": 2.5 * plan.duration, "a box": 1.5 * plan.duration}.get(
+        name, 30 * plan.step
+    )
+    return make_plan(model, None, duration, refined)
+
+
+@pytest.mark.parametrize("name", SCENES | MORE_SCENES)
+def test_digits_of_a_path_do_not_depend_on_its_block(name: str) -> None:
+    plan = short_plan(name)
+    whole = plan.averages(4, 0, 40)
+    parts = [plan.averages(4, first, count) for first, count in ((0, 1), (1, 32), (33, 7))]
+    np.testing.assert_array_equal(whole, np.concatenate(parts, axis=1))
+
 
 @pytest.mark.parametrize("refined", [False, True])
 @pytest.mark.parametrize("name", SCENES)
 def test_digits_do_not_depend_on_where_a_path_is_cut(name: str, refined: bool) -> None:
     if refined and name != "white noise":
         return
-    plan = make_plan(model_of(load_scene(SCENES[name])), None, None, refined)
-    duration = {"tables": 2.5 * plan.duration, "a box": 1.5 * plan.duration}.get(
-        name, 30 * plan.step
-    )
-    plan = make_plan(model_of(load_scene(SCENES[name])), None, duration, refined)
+    plan = short_plan(name, refined)
     for each in (plan, plan.coarser()):
         whole, paths = each.averages(5, 3, 5), each.begin(5, 3, 5)
         share = 0.0

@@ -50,6 +50,7 @@ from support.known import values
 from support.mounts import truck, two_stages
 from support.naive import kick_flow_kick_with_forces, normals, penalty_euler
 from support.one_mass import Flown, fly, still
+from support.refusals import refusals
 from support.soft_stops import (
     BALL,
     BUMPER,
@@ -280,13 +281,6 @@ def test_a_path_equals_its_plain_twin(name: str) -> None:
         np.testing.assert_allclose(found[kept], row[kept] / length, rtol=0, atol=50.0 * near)
 
 
-def test_digits_do_not_depend_on_how_paths_are_gathered() -> None:
-    plan = make_plan(model_of(TWINS["viscoelastic"]), None, 20.0)
-    whole = plan.averages(4, 0, 300)
-    parts = [plan.averages(4, first, count) for first, count in ((0, 1), (1, 258), (259, 41))]
-    assert np.array_equal(whole, np.concatenate(parts, axis=1))
-
-
 # ---- many paths ------------------------------------------------------------------------------
 
 
@@ -497,18 +491,14 @@ def test_methods_for_rigid_stops_refuse_the_others() -> None:
         exact(case)
 
 
-@pytest.mark.parametrize(
-    ("case", "slow_impacts", "words"),
-    [
-        (scene(None, 1.0, STEEL, omega=0.0), False, "nothing brings x back"),
-        (scene(-1.0, 1.0, STEEL, damping=0.0), False, "nothing takes the energy"),
-        (scene(-1.0, 1.0, STEEL), True, "it must be left out with compliant stops"),
-        (scene(None, 1.0, STEEL, load=-1e19), False, "standard deviations away"),
-    ],
+test_what_has_no_stationary_state_here_is_refused = refusals(
+    lambda case, slow_impacts: make_plan(model_of(case), slow_impacts=slow_impacts),
+    (scene(None, 1.0, STEEL, omega=0.0), False, "nothing brings x back"),
+    (scene(-1.0, 1.0, STEEL, damping=0.0), False, "nothing takes the energy"),
+    (scene(-1.0, 1.0, STEEL), True, "it must be left out with compliant stops"),
+    (scene(None, 1.0, STEEL, load=-1e19), False, "standard deviations away"),
+    error=NotApplicable,
 )
-def test_what_has_no_stationary_state_here_is_refused(case, slow_impacts, words):
-    with pytest.raises(NotApplicable, match=words):
-        make_plan(model_of(case), slow_impacts=slow_impacts)
 
 
 @pytest.mark.slow
@@ -970,15 +960,6 @@ def test_a_path_is_that_of_brute_force(scene: Scene) -> None:
 
 
 # ---- the contract ----------------------------------------------------------------------------
-
-
-def test_digits_do_not_depend_on_blocks_or_threads() -> None:
-    scene = absorber(Viscoelastic(stiffness=20.0, damping_ratio=0.2))
-    plan = make_plan(model_of(scene), None, 30.0)
-    whole = plan.averages(1, 0, 40)
-    np.testing.assert_array_equal(whole[:, 30:], plan.averages(1, 30, 10))
-    one, two = (simulate(scene, paths=70, duration=20.0, threads=n) for n in (1, 2))
-    assert one.to_frame().equals(two.to_frame())
 
 
 def test_rigid_and_soft_pairs_answer_for_themselves() -> None:

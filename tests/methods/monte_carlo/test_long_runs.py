@@ -41,6 +41,7 @@ from stochvi.scenes.scene import ImpactPair, Scene, load_scene
 from stochvi.scenes.structures import Isolator
 from support.commands import killed_at_its_first_sample
 from support.known import oscillator as between_stops
+from support.refusals import refusals
 
 SCENE = """\
 [structure]
@@ -194,21 +195,14 @@ def test_the_checkpoint_itself_is_taken(kept: Path) -> None:
         assert simulate(oscillator(), resume=kept, **given_again).cost.paths == 100
 
 
-@pytest.mark.parametrize(
-    ("given_now", "said"),
-    [
-        ({"seed": 8}, "seed 7, not 8"),
-        ({"paths": 200}, "paths 100, not 200"),
-        ({"duration": 20.0}, "duration 10.0, not 20.0"),
-        (
-            {"rel_error": 0.1},
-            "of a run with 100 paths, not with rel_error 0.1; leave rel_error out",
-        ),
-    ],
+test_another_question_is_refused = refusals(
+    lambda kept, given_now: simulate(oscillator(), resume=kept, **given_now),
+    ({"seed": 8}, "seed 7, not 8"),
+    ({"paths": 200}, "paths 100, not 200"),
+    ({"duration": 20.0}, "duration 10.0, not 20.0"),
+    ({"rel_error": 0.1}, "of a run with 100 paths, not with rel_error 0.1; leave rel_error out"),
+    error=CheckpointError,
 )
-def test_another_question_is_refused(kept: Path, given_now: dict, said: str) -> None:
-    with pytest.raises(CheckpointError, match=said):
-        simulate(oscillator(), resume=kept, **given_now)
 
 
 def test_another_scene_is_refused_by_the_key_that_differs(kept: Path) -> None:

@@ -477,15 +477,6 @@ def test_step_covariances_add_up_to_the_stationary_one() -> None:
     assert step_covariance(generator, noise, 0.5) == pytest.approx(brute, rel=1e-4, abs=1e-6)
 
 
-def test_digits_of_a_path_do_not_depend_on_its_block_or_the_threads() -> None:
-    plan = plan_modal(model_of(absorber(0.8)), None, 50.0)
-    whole = plan.averages(1, 0, 40)
-    np.testing.assert_array_equal(whole[:, 30:], plan.averages(1, 30, 10))
-    np.testing.assert_array_equal(whole[:, :1], plan.averages(1, 0, 1))
-    one, two = (simulate(absorber(0.8), paths=300, duration=40.0, threads=n) for n in (1, 2))
-    assert one.to_frame().equals(two.to_frame())
-
-
 def test_one_pair_and_several_share_the_compiled_code() -> None:
     """It depends on the types of what it gets, and an order of an array is part of its type."""
     one, several = (
@@ -916,16 +907,6 @@ def test_nothing_much_lies_beyond_the_cut() -> None:
     squares = np.sum(omega[:, None, None] ** 2 * np.abs(plan.amplitudes) ** 2, axis=(0, 2))
     truth = covariance(modes.tables, np.diag(modes.squares), modes.damping)
     np.testing.assert_allclose(squares, np.diag(truth)[2:], rtol=1e-3)
-
-
-def test_digits_do_not_depend_on_blocks_or_threads() -> None:
-    scene = two_stages(SOFT, Restitution(coefficient=0.6))
-    plan = make_plan(model_of(scene), None, 3.0)
-    whole = plan.averages(1, 0, 6)
-    np.testing.assert_array_equal(whole[:, 4:], plan.averages(1, 4, 2))
-    np.testing.assert_array_equal(whole[:, :1], plan.averages(1, 0, 1))
-    one, two = (simulate(scene, paths=40, duration=2.0, threads=n) for n in (1, 2))
-    assert one.to_frame().equals(two.to_frame())
 
 
 def test_a_record_is_continuous_within_its_block() -> None:

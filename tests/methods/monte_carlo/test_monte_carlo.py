@@ -3,9 +3,7 @@
 import dataclasses
 import importlib
 import math
-import multiprocessing
 import pkgutil
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -364,34 +362,6 @@ def test_truck_isolator_agrees_with_a_full_band_record() -> None:
 
 
 # ---- digits, arguments, limits ---------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "scene", [oscillator_of_known(-1.0, 1.0, 0.8), isolator(0.004)], ids=["white", "table"]
-)
-def test_digits_do_not_depend_on_threads(scene: Scene) -> None:
-    one, two = (simulate(scene, paths=700, duration=40.0, threads=n, seed=4) for n in (1, 2))
-    assert one.to_frame().equals(two.to_frame())
-    assert not one.to_frame().equals(
-        simulate(scene, paths=700, duration=40.0, threads=2, seed=5).to_frame()
-    )
-
-
-@pytest.mark.verify
-def test_digits_do_not_depend_on_the_executor() -> None:
-    scene = oscillator_of_known(-1.0, 1.0, 0.8)
-    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as processes:
-        elsewhere = simulate(scene, paths=2100, duration=40.0, seed=4, executor=processes)
-    here = simulate(scene, paths=2100, duration=40.0, seed=4)
-    assert here.to_frame().equals(elsewhere.to_frame())
-
-
-def test_digits_of_a_path_do_not_depend_on_its_block() -> None:
-    plan = make_plan(model_of(oscillator_of_known(-1.0, 1.0, 0.8)), None, 50.0)
-    whole = plan.averages(1, 0, 300)
-    np.testing.assert_array_equal(whole[:, 290:300], plan.averages(1, 290, 10))
-    table = make_plan(model_of(isolator(0.004)), None, 40.0)
-    np.testing.assert_array_equal(table.averages(1, 0, 8)[:, 5:], table.averages(1, 5, 3))
 
 
 def test_a_rate_never_seen_has_an_upper_limit_only() -> None:

@@ -60,6 +60,7 @@ from stochvi.model.model import model_of
 from stochvi.scenes import CrossDensity, DriveFunction, Modulation, Pulses, RecordedNoise
 from stochvi.testing import assert_agrees
 from support import naive
+from support.refusals import refusals
 
 M, B, W = 2.0, 0.3, 2.0
 MASS: dict[str, float] = {"mass": M, "damping": M * B, "stiffness": M * W**2}
@@ -443,18 +444,14 @@ def test_a_drive_of_ones_own_is_named_in_documents_and_known_again() -> None:
     assert scene_of(other).document()["excitation"][0]["function"] != document["function"]
 
 
-@pytest.mark.parametrize(
-    ("function", "sentence"),
-    [
-        (lambda z: z, "takes a value, a time"),
-        (lambda z, time, uniform: "a", "returns a number, got ValueError"),
-        (lambda z, time, uniform: 2.0 * z + 1.0, "gives finite numbers"),
-        (lambda z, time, uniform: 1.0, "changes, got 1 for"),
-    ],
+test_a_drive_that_gives_no_numbers_is_refused = refusals(
+    lambda function: DriveFunction(function=function, rate=1.0),
+    (lambda z: z, "takes a value, a time"),
+    (lambda z, time, uniform: "a", "returns a number, got ValueError"),
+    (lambda z, time, uniform: 2.0 * z + 1.0, "gives finite numbers"),
+    (lambda z, time, uniform: 1.0, "changes, got 1 for"),
+    error=ValueError,
 )
-def test_a_drive_that_gives_no_numbers_is_refused(function: Any, sentence: str) -> None:
-    with pytest.raises(ValueError, match=sentence):
-        DriveFunction(function=function, rate=1.0)
 
 
 def test_what_numba_does_not_compile_is_told() -> None:
@@ -841,20 +838,15 @@ def test_damage_takes_shocks_and_other_methods_refuse_them() -> None:
             ask(scene)
 
 
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        ({}, "needs exactly one of impulse, shape and file, got none"),
-        ({"impulse": 1.0, "shape": "half-sine"}, "needs exactly one of impulse, shape and file"),
-        ({"shape": "half-sine"}, "needs duration and amplitude with shape"),
-        ({"impulse": 1.0, "duration": 0.01}, "has duration, which does not go with impulse"),
-        ({"shape": "square", "duration": 0.01, "amplitude": 1.0}, "shape"),
-        ({"impulse": 1.0, "rate": "often"}, "rate"),
-    ],
+test_wrong_keys_are_named = refusals(
+    lambda keys: shaken_of_shocks({"kind": "pulses", "rate": 1.0} | keys),
+    ({}, "needs exactly one of impulse, shape and file, got none"),
+    ({"impulse": 1.0, "shape": "half-sine"}, "needs exactly one of impulse, shape and file"),
+    ({"shape": "half-sine"}, "needs duration and amplitude with shape"),
+    ({"impulse": 1.0, "duration": 0.01}, "has duration, which does not go with impulse"),
+    ({"shape": "square", "duration": 0.01, "amplitude": 1.0}, "shape"),
+    ({"impulse": 1.0, "rate": "often"}, "rate"),
 )
-def test_wrong_keys_are_named(keys: dict[str, Any], words: str) -> None:
-    with pytest.raises(SceneError, match=words):
-        shaken_of_shocks({"kind": "pulses", "rate": 1.0} | keys)
 
 
 def test_a_level_raises_the_peak() -> None:

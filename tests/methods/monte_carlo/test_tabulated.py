@@ -58,6 +58,7 @@ from support.known import values
 from support.modulated import S0, B, M, W, scene_of
 from support.mounts import COMPANY, MOUNT, TRUCK, bumpered_mount, isolator
 from support.naive import held_force, held_force_with_contacts, response_domain
+from support.refusals import refusals
 from support.soft_stops import BALL, BUMPER, RUBBER, STEEL, WALL
 from support.soft_stops import scene as white_scene
 from support.synthesis import AIM, SEED, OfMass, coefficients
@@ -715,16 +716,6 @@ def test_forces_are_those_on_the_mass_of_the_scene() -> None:
         assert other.value == pytest.approx(factor * one.value, rel=1e-6)
 
 
-def test_digits_depend_neither_on_blocks_nor_on_threads() -> None:
-    scene = bumpered_mount(COMPANY["viscoelastic"][0])
-    plan = make_plan(model_of(scene), 0.0, 20.0)
-    whole = plan.averages(4, 0, 40)
-    parts = [plan.averages(4, first, count) for first, count in ((0, 1), (1, 32), (33, 7))]
-    assert np.array_equal(whole, np.concatenate(parts, axis=1))
-    one, two = (simulate(scene, paths=96, duration=5.0, seed=2, threads=n) for n in (1, 2))
-    assert one.estimates() == two.estimates()
-
-
 def test_a_path_may_be_recorded() -> None:
     law = Elastic(stiffness=30.0 * MOUNT**2)
     record = record_path(bumpered_mount(law), duration=20.0, seed=1)
@@ -930,18 +921,12 @@ def test_a_table_from_a_file_is_the_same_one(tmp_path: Path) -> None:
         scene_from(document, folder=tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        ({"frequency_hz": [1.0, 2.0]}, "lists of frequency_hz and density or a file (a table)"),
-        ({"frequency_hz": 1.0, "density": [1.0, 2.0]}, "got frequency_hz, density"),
-        ({"amplitude": 0.1, "frequency_hz": [1.0, 2.0]}, "got amplitude, frequency_hz"),
-        ({"frequency_hz": [1.0, 2.0], "density": [1.0]}, "needs as many densities as frequencies"),
-        ({"frequency_hz": [2.0, 1.0], "density": [1.0, 1.0]}, "needs increasing frequency_hz"),
-        ({"frequency_hz": [1.0, 0.0], "density": [1.0, 1.0]}, "frequency_hz.1 must be greater"),
-    ],
-)  # fmt: skip
-def test_what_is_no_table_is_refused_in_a_sentence(keys: Any, words: str) -> None:
-    with pytest.raises(SceneError) as failure:
-        Modulation(**({"of": "stiffness"} | keys))
-    assert words in str(failure.value)
+test_what_is_no_table_is_refused_in_a_sentence = refusals(
+    lambda keys: Modulation(**({"of": "stiffness"} | keys)),
+    ({"frequency_hz": [1.0, 2.0]}, "lists of frequency_hz and density or a file (a table)"),
+    ({"frequency_hz": 1.0, "density": [1.0, 2.0]}, "got frequency_hz, density"),
+    ({"amplitude": 0.1, "frequency_hz": [1.0, 2.0]}, "got amplitude, frequency_hz"),
+    ({"frequency_hz": [1.0, 2.0], "density": [1.0]}, "needs as many densities as frequencies"),
+    ({"frequency_hz": [2.0, 1.0], "density": [1.0, 1.0]}, "needs increasing frequency_hz"),
+    ({"frequency_hz": [1.0, 0.0], "density": [1.0, 1.0]}, "frequency_hz.1 must be greater"),
+)

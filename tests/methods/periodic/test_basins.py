@@ -22,6 +22,7 @@ from stochvi import (
 from stochvi.methods.periodic import Basins, basins, bifurcation, lyapunov_exponent
 from stochvi.methods.periodic.attracted import BLOCK, FIRST, block_of
 from support.bounces import Bounces
+from support.refusals import refusals
 
 GAP, DRIVE = 4e-4, 200.0 * math.pi
 """Clearance (m) and frequency (rad/s) of a mount that may clatter or stay clear of its stops."""
@@ -332,18 +333,14 @@ def test_sweeps_up_and_down_keep_their_motion_until_it_ends() -> None:
                                         for each in sweep.impact_speed)  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("sides", "words"),
-    [
-        ({"displacement.x": [0.0]}, "plane must be two of displacement.x, velocity.x"),
-        ({"displacement.y": [0.0], "velocity.x": [0.0]}, "plane must be two of"),
-        ({"displacement.x": [math.nan], "velocity.x": [0.0]}, "must have finite values"),
-        ({"displacement.x": [0.0], "velocity.x": []}, "must have finite values"),
-    ],
-)  # fmt: skip
-def test_a_plane_that_is_none_is_refused(sides: dict[str, list[float]], words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        basins(mount(), sides)
+test_a_plane_that_is_none_is_refused = refusals(
+    lambda sides: basins(mount(), sides),
+    ({"displacement.x": [0.0]}, "plane must be two of displacement.x, velocity.x"),
+    ({"displacement.y": [0.0], "velocity.x": [0.0]}, "plane must be two of"),
+    ({"displacement.x": [math.nan], "velocity.x": [0.0]}, "must have finite values"),
+    ({"displacement.x": [0.0], "velocity.x": []}, "must have finite values"),
+    error=ValueError,
+)
 
 
 def test_what_does_not_apply_is_refused_in_a_sentence() -> None:

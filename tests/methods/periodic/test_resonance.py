@@ -43,6 +43,7 @@ from stochvi.scenes.excitations import ConstantLoad, Sine
 from stochvi.scenes.keys import changed_scene
 from support.accuracies import quick_cases
 from support.bounces import Bounces
+from support.refusals import refusals
 
 # ------------------------------------------------------------------------------
 # Percussion machines under a sine: section 4 of the book, and an event-driven simulation.
@@ -525,19 +526,15 @@ def test_speeds_scatter_as_restitutions_do() -> None:
     assert abs(memoryless - spread) > 2.0 * abs(drive.speed_std(std) - spread)
 
 
-@pytest.mark.parametrize(
-    ("keys", "sentence"),
-    [
-        ({"force": 0.0}, "force must be greater than 0, got 0"),
-        ({"restitution": 1.1}, r"restitution must be in \[0, 1\], got 1.1"),
-        ({"restitution": 1.0}, "damping_rate must be greater than 0 with a restitution of 1"),
-        ({"damping_rate": -1.0}, "damping_rate must be 0 or more, got -1"),
-        ({"frequency": 10.0, "damping_rate": 1.0}, "force must be greater than"),
-    ],
+test_numbers_out_of_range_are_named = refusals(
+    lambda keys: RelayBetweenStops(**{"force": 2.0, "clearance": 0.5, "restitution": 0.5} | keys),
+    ({"force": 0.0}, "force must be greater than 0, got 0"),
+    ({"restitution": 1.1}, "restitution must be in [0, 1], got 1.1"),
+    ({"restitution": 1.0}, "damping_rate must be greater than 0 with a restitution of 1"),
+    ({"damping_rate": -1.0}, "damping_rate must be 0 or more, got -1"),
+    ({"frequency": 10.0, "damping_rate": 1.0}, "force must be greater than"),
+    error=ValueError,
 )
-def test_numbers_out_of_range_are_named(keys: dict[str, float], sentence: str) -> None:
-    with pytest.raises(ValueError, match=sentence):
-        RelayBetweenStops(**{"force": 2.0, "clearance": 0.5, "restitution": 0.5} | keys)
 
 
 # ------------------------------------------------------------------------------
@@ -708,29 +705,24 @@ def test_a_faster_regime_of_a_beam_is_harder_to_maintain() -> None:
     assert lasting[0] > lasting[1] > lasting[2]
 
 
-@pytest.mark.parametrize(
-    ("scene", "how", "sentence"),
-    [
-        (chain(), {}, "the scene needs an impact_pair"),
-        (chain(stop(upper=1.0)), {"pairs": ["no"]}, "pairs must be among stop, got 'no'"),
-        (chain(stop(upper=1.0)), {"opposed": ["stop"]}, "opposed must name pairs with two stops"),
-        (chain(stop(lower=-1.0, upper=2.0)), {}, "must lie evenly about its mean position"),
-        (
-            chain(stop(upper=1.0), noise=Sine(on="b", amplitude=1.0, frequency_hz=1.0)), {},
-            "excitation must be white or tabulated noise",
-        ),
-        (
-            chain(stop("one", upper=1.0), stop("two", "a", clearance=1.0)), {},
-            "pairs must all have one stop or all have two",
-        ),
-    ],
-)  # fmt: skip
-def test_what_has_no_such_regime_is_refused(
-    scene: Scene, how: dict[str, Any], sentence: str
-) -> None:
-    with pytest.raises(NotApplicable) as refused:
-        StructureResonance.of(scene, 0.2, **how)
-    assert sentence in str(refused.value)
+test_what_has_no_such_regime_is_refused = refusals(
+    lambda scene, how: StructureResonance.of(scene, 0.2, **how),
+    (chain(), {}, "the scene needs an impact_pair"),
+    (chain(stop(upper=1.0)), {"pairs": ["no"]}, "pairs must be among stop, got 'no'"),
+    (chain(stop(upper=1.0)), {"opposed": ["stop"]}, "opposed must name pairs with two stops"),
+    (chain(stop(lower=-1.0, upper=2.0)), {}, "must lie evenly about its mean position"),
+    (
+        chain(stop(upper=1.0), noise=Sine(on="b", amplitude=1.0, frequency_hz=1.0)),
+        {},
+        "excitation must be white or tabulated noise",
+    ),
+    (
+        chain(stop("one", upper=1.0), stop("two", "a", clearance=1.0)),
+        {},
+        "pairs must all have one stop or all have two",
+    ),
+    error=NotApplicable,
+)
 
 
 def test_a_frequency_without_a_regime_is_refused() -> None:
@@ -962,15 +954,11 @@ def test_a_force_that_comes_too_late_is_refused() -> None:
         late.next_speed(1.0)
 
 
-@pytest.mark.parametrize(
-    ("keys", "sentence"),
-    [
-        ({"restitution": 1.0}, r"restitution must be in \[0, 1\), got 1"),
-        ({"switching": 0.0}, "switching must be greater than 0, got 0"),
-        ({"delay": -0.1}, "delay must be 0 or more, got -0.1"),
-        ({"load": 10.0}, r"load must be in \[0, force\), got 10 with force 10"),
-    ],
+test_numbers_out_of_range_are_named_switched = refusals(
+    lambda keys: SwitchedDrive(**{"restitution": 0.5, "force": 10.0, "switching": 0.3} | keys),
+    ({"restitution": 1.0}, "restitution must be in [0, 1), got 1"),
+    ({"switching": 0.0}, "switching must be greater than 0, got 0"),
+    ({"delay": -0.1}, "delay must be 0 or more, got -0.1"),
+    ({"load": 10.0}, "load must be in [0, force), got 10 with force 10"),
+    error=ValueError,
 )
-def test_numbers_out_of_range_are_named_switched(keys: dict[str, float], sentence: str) -> None:
-    with pytest.raises(ValueError, match=sentence):
-        SwitchedDrive(**{"restitution": 0.5, "force": 10.0, "switching": 0.3} | keys)
