@@ -386,7 +386,7 @@ class Job:
         return self._columns(response, note)
 
     def _answer(self, folder: Path | None, run: Run) -> Response | Summary:
-        from stochvi.isolators.sizing.risk_curve import OutOfReach
+        from stochvi.statistics.hazards import OutOfReach
 
         room, _, name = METHODS[self.method].partition(":")
         ask = getattr(import_module(f"stochvi.{room}"), name)

@@ -26,7 +26,7 @@ from stochvi.isolators.sizing.answer import (
     sides_in_words,
 )
 from stochvi.isolators.sizing.pairs import nominal_sizing
-from stochvi.isolators.sizing.risk_curve import CERTAIN, KNOWN, chance_of_stops
+from stochvi.isolators.sizing.risk_curve import CERTAIN, chance_of_stops
 from stochvi.isolators.sizing.sensitivity import LEAST_SECONDS
 from stochvi.isolators.tolerances import (
     CENTRE,
@@ -62,6 +62,7 @@ from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import AXES
 from stochvi.scenes.validation import mean_unit
 from stochvi.statistics.crossings import own_distances
+from stochvi.statistics.hazards import KNOWN
 
 # ------------------------------------------------------------------------------
 # The risk of a production, and the clearance that keeps it.

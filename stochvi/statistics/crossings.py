@@ -46,6 +46,7 @@ from stochvi.sampling.calculations import AccuracyOptions, TrialSampler, calcula
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.excitations.drawn import Pulses
 from stochvi.scenes.scene import Scene
+from stochvi.statistics.hazards import HazardCurve
 
 # ------------------------------------------------------------------------------
 # The probability of a first impact and its rate, from the ages of outcrossings.
@@ -471,6 +472,16 @@ class FirstCrossings(CrossingAges):
             for found, error in zip(super().probability(mission), self.outside_error, strict=True)
         ]
 
+    def hazards(
+        self, places: Vector, mission: float, expected: Callable[[float], float] | None = None
+    ) -> HazardCurve:
+        """The hazard of any impact against the place of the stops, one for each level and rising,
+        over expected crossings."""
+        return HazardCurve.of(
+            places, self.probability(mission), mission, largest_error(self, mission),
+            first_rates=self.first_rate(), expected=expected,
+        )  # fmt: skip
+
     def shares(self, mission: float) -> Matrix:
         """(levels, pairs): share of the first impacts of a mission that falls to each pair; pairs
         that are hit at once share their impacts."""
@@ -630,6 +641,18 @@ def shocks_apart(model: Model) -> tuple[Pulses, Vector]:
     if unmet:
         raise NotApplicable("first_crossings", unmet)
     return shocks[0]
+
+
+def rice_rate(motions: Sequence[MovingMean], stops: Matrix, gain: float = 1.0) -> float:
+    """Crossings per second of stops (2, pairs) at distances from the mean gaps, m, infinite for
+    none, under noise that is louder by a gain (Rice). One that lies beyond the mean is crossed as
+    often as that."""
+    return sum(
+        motion.towards(side).rate(max(distance, 0.0) / gain)
+        for side, own in zip((-1.0, 1.0), stops.tolist(), strict=True)
+        for motion, distance in zip(motions, own, strict=True)
+        if motion.place and math.isfinite(distance)
+    )
 
 
 def own_distances(model: Model) -> tuple[Vector, Vector]:

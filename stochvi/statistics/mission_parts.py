@@ -1,12 +1,10 @@
-"""Missions part by part. Chapters: parts asked one after the other, phases or levels of the noise;
-the hazards of parts together."""
+"""Missions asked part by part: phases, or levels of the noise."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -14,13 +12,7 @@ from stochvi.results.base import Result
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.estimates import provenance
 from stochvi.sampling.run import Run
-from stochvi.scenes.phases import bias_of_steps
 from stochvi.scenes.scene import Scene
-
-# ------------------------------------------------------------------------------
-# A mission asked part by part: its phases, or the levels of its noise.
-# ------------------------------------------------------------------------------
-
 
 Answer = TypeVar("Answer", bound=Result)
 
@@ -116,81 +108,3 @@ def said_of_phases(
     warned = [f"in phase {name}: {one}" for name, each in found.items() for one in each.warnings]
     told = {"assumptions": [INDEPENDENT, *more, *own], "warnings": warned}
     return told | said_of_parts(scene, found, run, *counts)
-
-
-# ------------------------------------------------------------------------------
-# Hazards of parts of a mission together.
-#
-# The hazard of an event is -ln(1 - P): the probability at the start, and the integrated rate of
-# first events. Those of independent parts add up, and so do expected numbers of events. Half widths
-# of intervals are added as roots of sums of squares, each side for itself (G. Y. Zou and A. Donner,
-# Construction of confidence limits about effect measures: a general approach, Statistics in
-# Medicine 27, 2008, 1693).
-# ------------------------------------------------------------------------------
-
-
-CERTAIN = 1.0 - 1e-15
-"""A larger probability counts as this one, so that its hazard is finite."""
-
-
-class Hazard(NamedTuple):
-    """The hazard of an event, or an expected number of events, in a part of a mission.
-
-    Parameters
-    ----------
-    value
-        -ln(1 - P), or the number.
-    below, above
-        How far its interval reaches either way.
-    bias
-        What the steps of moving bands leave in it.
-    bounded
-        Whether a bound alone is known, and may hold in all such parts together.
-    """
-
-    value: float
-    below: float = 0.0
-    above: float = 0.0
-    bias: float = 0.0
-    bounded: bool = False
-
-    @classmethod
-    def of(cls, chance: float, lower: float, upper: float, *, bounded: bool = False) -> Hazard:
-        """That of a probability with its interval.
-
-        >>> round(Hazard.of(0.5, 0.25, 0.5).value, 3)
-        0.693
-        """
-        value, low, high = -np.log1p(-np.minimum([chance, lower, upper], CERTAIN))
-        return cls(float(value), float(value - low), float(high - value), bounded=bounded)
-
-    @classmethod
-    def within(cls, value: float, half: float) -> Hazard:
-        """A hazard with half of its interval, bias included."""
-        return cls(value, half, half)
-
-    @property
-    def half(self) -> float:
-        """Half of the interval, upwards, with the bias."""
-        return self.above + self.bias
-
-
-def joined(
-    parts: Mapping[str, Hazard], steps: Sequence[Sequence[str]] = (),
-    lags: Mapping[str, float] | None = None,
-) -> Hazard:  # fmt: skip
-    """The hazard of independent parts together. Some of them are the `steps` of a moving band, with
-    the `lags` of their hazards.
-
-    >>> joined({"road": Hazard(1.0, 0.3, 0.3), "air": Hazard(2.0, 0.4, 0.4)})[:3]
-    (3.0, 0.5, 0.5)
-    """
-    each, values = parts.values(), {name: one.value for name, one in parts.items()}
-    return Hazard(
-        sum(values.values()),
-        math.hypot(*(one.below for one in each if not one.bounded))
-        + sum(one.below for one in each if one.bounded),
-        math.hypot(*(one.above for one in each if not one.bounded))
-        + sum(one.above for one in each if one.bounded),
-        bias_of_steps(steps, values, lags),
-    )

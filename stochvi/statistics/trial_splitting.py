@@ -23,7 +23,6 @@ from stochvi.model.model import Model
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.estimates import (
-    GAUSSIAN_95,
     TOO_FEW,
     Estimate,
     events_suffice,
@@ -37,7 +36,7 @@ from stochvi.sampling.calculations import GivenUp, TrialSampler
 from stochvi.sampling.run import Run
 from stochvi.statistics.clusters import UNFINISHED
 from stochvi.statistics.crossings import PairMotion, memory_of
-from stochvi.statistics.mission_parts import Hazard
+from stochvi.statistics.hazards import KNOWN, HazardCurve
 
 # ------------------------------------------------------------------------------
 # Splitting: the probability that the score of a stretch of random motion exceeds a limit, however
@@ -745,48 +744,6 @@ FREQUENT = (0.95, 0.75, 0.5)
 DEPTH = 50.0
 """Factor by which the smallest hazard of a curve lies below the one that is wanted."""
 
-CERTAIN = 1.0 - 1e-12
-"""Largest probability whose hazard still has four digits after rounding."""
-
-
-@dataclass(frozen=True)
-class HazardCurve:
-    """-ln(1 - P) of a mission against a place, between places at which it is known.
-
-    Parameters
-    ----------
-    places
-        The places, increasing.
-    logs
-        Logarithms of the hazards there, falling.
-    halves
-        Half widths of their 95 % intervals, bias included, as shares of the hazards.
-    mission
-        Duration, s.
-    reached
-        Relative standard error of the hazard that is wanted.
-    """
-
-    places: Vector
-    logs: Vector
-    halves: Vector
-    mission: float
-    reached: float
-
-    @cached_property
-    def _curve(self) -> scipy.interpolate.PchipInterpolator:
-        return scipy.interpolate.PchipInterpolator(self.places, self.logs)
-
-    def hazard(self, place: float) -> Hazard:
-        """-ln(1 - P) at a place, and half its 95 % interval. Beyond the places that are known its
-        logarithm goes on as a straight line, and the interval reaches to the nearest known one."""
-        inside = min(max(place, self.places[0]), self.places[-1])
-        log, slope = (float(self._curve(inside, order)) for order in (0, 1))
-        nearest = math.exp(log)
-        value = nearest * math.exp(slope * (place - inside))
-        known = nearest * float(np.interp(inside, self.places, self.halves))
-        return Hazard.within(value, abs(value - nearest) + known * max(1.0, value / nearest))
-
 
 @dataclass(frozen=True, eq=False)
 class CurveSampler(TrialSampler):
@@ -851,18 +808,18 @@ def _curve_of(
         return kind.risk(exceeded, late, scored, mission)
 
     exceeded, coarse, late, scored = parts.mean(axis=2)
-    chance, at_twice = risk(exceeded, late, scored), risk(coarse, late, scored)
+    value, at_twice = risk(exceeded, late, scored), risk(coarse, late, scored)
     left_out = (parts.sum(axis=2, keepdims=True) - parts) / (count - 1)
-    errors = jackknife_error(risk(left_out[0], left_out[2], left_out[3]))
-    bias = [kind.step_bias(abs(each)) or 0.0 for each in at_twice - chance]
-    usable = (chance > 0.0) & (chance < CERTAIN)
-    hazard = -np.log1p(-chance[usable])
-    # of the hazard, as a share
-    scale = 1.0 / (np.exp(-hazard) * hazard)
-    errors = student_factor(count) * errors[usable] * scale
-    logs = np.minimum.accumulate(np.log(hazard))
-    return HazardCurve(
-        places=places[usable], logs=logs,
-        halves=GAUSSIAN_95 * errors + np.array(bias)[usable] * scale, mission=mission,
-        reached=float(errors[np.argmin(np.abs(logs - math.log(wanted)))]),
-    )  # fmt: skip
+    errors = student_factor(count) * jackknife_error(risk(left_out[0], left_out[2], left_out[3]))
+    chances = [
+        Estimate(value=each, standard_error=error, bias=kind.step_bias(abs(change)) or 0.0)
+        for each, error, change in zip(value, errors, at_twice - value, strict=True)
+    ]
+    hazard = -np.log1p(-np.clip(value, TINY, KNOWN))
+    nearest = int(np.argmin(np.abs(np.log(hazard / wanted))))
+    left = (1.0 - value[nearest]) * hazard[nearest]
+    return HazardCurve.of(places, chances, mission, float(errors[nearest] / left))
+
+
+TINY = 1e-300
+"""Smallest probability of which a logarithm is taken."""

@@ -50,6 +50,7 @@ from stochvi.scenes.scene import ImpactPair, scene_from
 from stochvi.statistics.clusters import bursts
 from stochvi.statistics.crossings import first_crossings
 from stochvi.statistics.hardness import Limit
+from stochvi.statistics.hazards import KNOWN, HazardCurve
 from stochvi.statistics.rare_hits import exceedance
 from stochvi.testing import assert_agrees
 from stochvi.views.isolator_tables import pairs_grids
@@ -551,18 +552,19 @@ def test_a_chance_next_to_one_has_an_interval(hazard: float) -> None:
     """Of 1000 paths: next to 1 the relative error of a hazard grows like 1 / (1 - P), beyond what a
     double holds."""
     hazards = hazard * np.array([0.5, 1.0, 2.0])
-    values = np.minimum(-np.expm1(-hazards), pairs.KNOWN)
+    values = np.minimum(-np.expm1(-hazards), KNOWN)
     errors = np.sqrt(values * (1.0 - values) / 1000.0) + 1e-4
     estimates = [Estimate(value=v, standard_error=e) for v, e in zip(values, errors, strict=True)]
-    total = pairs.TotalRisk.of(np.array([0.1, 0.2, 0.4]), estimates)
-    found = total.at(0.2)
+    places = -np.log([0.4, 0.2, 0.1])
+    family = mock.Mock(total=HazardCurve.of(places, estimates[::-1], MISSION))
+    found = pairs.SharedRisk.chance(family, places[1])
     assert found.value == pytest.approx(values[1], rel=1e-6)
     assert 0.0 <= found.lower < found.value <= found.upper <= 1.0
     # where a probability and its complement are resolved, the interval is that of the estimate
     half = 1.959964 * errors[1]
     assert found.value - found.lower == pytest.approx(min(half, found.value), rel=1e-3)
-    risk, width = total.risk(found.value)
-    assert risk == pytest.approx(0.2, rel=1e-6) and math.isfinite(math.exp(width))
+    place, width = pairs.SharedRisk._place(family, found.value)
+    assert place == pytest.approx(places[1], rel=1e-6) and math.isfinite(math.exp(width))
 
 
 @pytest.mark.slow

@@ -155,8 +155,8 @@ def test_the_interval_of_a_clearance_follows_from_that_of_the_chance(wanted: flo
     assert found.upper - found.value == pytest.approx(half, rel=1e-5)
     assert found.value - found.lower == pytest.approx(half, rel=1e-5)
     # 50 deviations away Rice's rate is below the smallest number: another phase may size the gap
-    assert curve.probability(50.0) == 0.0 and curve.hazard(50.0)[0] == 0.0
-    assert curve.hazard(1.0)[0] == pytest.approx(many * math.exp(-0.5), rel=1e-9)
+    assert curve.probability(50.0) == 0.0 and curve.hazards.hazard(50.0)[0] == 0.0
+    assert curve.hazards.hazard(1.0)[0] == pytest.approx(many * math.exp(-0.5), rel=1e-9)
 
 
 def test_a_mission_too_short_for_a_chance_says_so() -> None:

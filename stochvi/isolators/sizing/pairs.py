@@ -5,13 +5,11 @@ the curve of risk of its gap; several pairs at an equal share of the risk; the c
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy
 
 from stochvi.isolators.screening import at_clearances
 from stochvi.isolators.sizing.answer import (
@@ -27,15 +25,11 @@ from stochvi.isolators.sizing.answer import (
     distances_of_stops,
 )
 from stochvi.isolators.sizing.risk_curve import (
-    KNOWN,
-    OutOfReach,
     RiskCurve,
     chance_in_windows,
     chance_of_stops,
     clearances_of_curve,
     limit_of_target,
-    place_of,
-    slope_of,
 )
 from stochvi.isolators.sizing.search import (
     SEARCH,
@@ -48,6 +42,7 @@ from stochvi.isolators.sizing.search import (
 )
 from stochvi.isolators.tolerances import Tolerances, tolerance_table
 from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.model.coverage import modulated, unshaken
 from stochvi.model.model import Model, model_of
 from stochvi.results.deadline import partial_result
@@ -62,10 +57,12 @@ from stochvi.statistics.crossings import (
     one_gap,
     own_distances,
     pressed_pairs,
+    rice_rate,
     same_gaps,
     turn_between,
 )
 from stochvi.statistics.hardness import Limit, check_place
+from stochvi.statistics.hazards import KNOWN, HazardCurve, OutOfReach
 from stochvi.statistics.rare_hits import exceedance, widening_of
 
 # ------------------------------------------------------------------------------
@@ -102,11 +99,12 @@ SIDES = (-1.0, 1.0)
 
 
 def risk_curve(scene: Scene, target: Target, mission: float, run: Run) -> RiskCurve:
-    """The curve of risk of one mass, see `curve_of_gap`."""
+    """The curve of risk of one mass."""
     model = model_of(scene)
-    sides = [float(stop.side) for stop in model.stops] or SIDES
     motion = PairMotion.under_shocks(one_gap(model))
-    return curve_of_gap(motion, target, mission, run, sides=sides)
+    levels = levels_of_gap(motion.motions[0], target, mission)
+    stops = {float(stop.side): levels for stop in model.stops} or dict.fromkeys(SIDES, levels)
+    return RiskCurve.of_gap(motion, 0, stops, mission, run)
 
 
 LEAST_OF_LIMIT = 0.1
@@ -116,14 +114,9 @@ SAME = 1e-6
 """Relative distance of two clearances below which they are one."""
 
 
-def curve_of_gap(
-    together: PairMotion, target: Target, mission: float, run: Run, *, number: int = 0,
-    shift: float = 0.0, sides: Sequence[float] = SIDES,
-) -> RiskCurve:  # fmt: skip
-    """Probability of an impact against clearance of one of some gaps, alone, from 1 sigma to a
-    clearance that is more than the target needs; the stops lie uneven where the static equilibrium
-    is shifted, m, and the clearance is that of the nearer one."""
-    motion = together.motions[number]
+def levels_of_gap(motion: MovingMean, target: Target, mission: float) -> Vector:
+    """Distances of stops from the mean gap, m, at which the risk of a gap alone is looked at: from
+    1 sigma to one that is more than the target needs."""
     chances = [*SEARCH.required, target.exceedance or 1.0]
     if target.name == "probability":
         chances.append(target.value)
@@ -136,10 +129,7 @@ def curve_of_gap(
     three = 3.0 * motion.deviations[0]
     if np.abs(levels / three - 1.0).min() > SAME:
         levels = np.sort(np.append(levels, three))
-    farther = levels + 2.0 * abs(shift)
-    places = {-1.0: farther if shift > 0.0 else levels, 1.0: levels if shift >= 0.0 else farther}
-    stops = {side: places[side] for side in sides}
-    return RiskCurve.of_gap(together, number, stops, mission, run)
+    return levels
 
 
 class OneCurve(Family):
@@ -486,7 +476,7 @@ class SharedRisk(Family):
         job.check_crossings(self.together)
         *self.chances, self.at_three_sigma = self.together.probability(job.mission)
         self.given, self.alone_of_fixed = self._as_given()
-        self.total = TotalRisk.of(self.risks, self.chances)
+        self.total = HazardCurve.of(-np.log(self.risks[::-1]), self.chances[::-1], self.mission)
 
     def scene_at(self, place: float) -> Scene:
         """The scene with its stops where each sized pair alone has a risk."""
@@ -516,21 +506,44 @@ class SharedRisk(Family):
 
     def keeping(self, probability: float) -> Reached:
         """The place of the risk that keeps a probability of any impact."""
-        if probability <= self.total.least:
+        least, most = self.total.least, self.total.most
+        if probability <= least:
             others = ", ".join(self.names[k] for k in self.fixed)
-            most = max((each.value for each in self.alone_of_fixed), default=0.0)
+            alone = max((each.value for each in self.alone_of_fixed), default=0.0)
             raise NotApplicable(
                 "size",
                 [
                     f"no clearance of {self.pair} keeps the probability of any impact at "
                     f"{probability:g}: the other stops ({others}) are hit with a probability "
-                    f"of {self.total.least:.3g} (one of them alone with {most:.3g}); size all "
+                    f"of {least:.3g} (one of them alone with {alone:.3g}); size all "
                     "pairs together, or move the others farther away"
                 ],
             )
-        risk, half = self.total.risk(probability)
-        place = -math.log(risk)
+        if probability > most:
+            raise OutOfReach(
+                f"probability must be in [{least:.3g}, {most:.3g}], as at the clearances "
+                f"that are tried for this mission, got {probability:g}; ask for another "
+                "probability or mission"
+            )
+        place, half = self._place(probability)
         return Reached(place, place - half, place + half)
+
+    def _place(self, probability: float) -> tuple[float, float]:
+        """The place with this probability of any impact, and the half width of its interval."""
+        low, high = self.total.ends
+        step = 0.01 * (high - low)
+        place, half = self.total.place(-math.log1p(-probability), step, STEEP)
+        return place, min(half, WIDEST_HALF)
+
+    def chance(self, place: float) -> Probability:
+        """The probability of any impact at a place; 1 where it cannot be told from 1."""
+        nearest, farthest = self.total.ends
+        if place < nearest:
+            return Probability(value=1.0, lower=self.total.most, upper=1.0)
+        found = self.total.hazard(min(place, farthest))
+        # next to 1 the half width of the hazard tends to infinity, that of the probability to 0
+        value, half = -math.expm1(-found.value), found.half * math.exp(-found.value)
+        return Probability(value=value, lower=max(value - half, 0.0), upper=min(value + half, 1.0))
 
     def first_guess(self, wanted: float) -> float:
         """The place where the pairs together have as many first impacts as are wanted."""
@@ -596,15 +609,7 @@ class SharedRisk(Family):
 
     def rice_rate(self, place: float) -> float:
         """Rice's rate of the stops of all pairs."""
-        return self._rice_rate(self.stops(place))
-
-    def _rice_rate(self, stops: Matrix) -> float:
-        return sum(
-            motion.towards(side).rate(place)
-            for row, side in zip(stops, (-1.0, 1.0), strict=True)
-            for motion, place in zip(self.motion.motions, row.tolist(), strict=True)
-            if math.isfinite(place)
-        )
+        return rice_rate(self.motion.motions, self.stops(place))
 
     def alone(self, place: float) -> Vector:
         """The risk of the place; that of the stops of the scene for pairs that are not sized."""
@@ -619,9 +624,10 @@ class SharedRisk(Family):
 
     def own_fields(self, place: float) -> dict[str, Any]:
         """The probabilities of all gaps together, and what tolerances change at them."""
-        risk, target = math.exp(-place), self.target
-        by_hits = target.name != "probability"
-        chance = self.total.at(risk) if by_hits else self.total.probability(target.value)
+        target, by_hits = self.target, self.target.name != "probability"
+        chance = self.chance(place)
+        if not by_hits:
+            chance = replace(chance, value=target.value)
         table, worst_at = tolerance_table(
             self.scene, self.job.allowed, self.stops(place), self.sized, min(chance.value, KNOWN),
             min((target.exceedance or 1.0) / chance.value, 1.0),
@@ -767,7 +773,7 @@ class SharedRisk(Family):
             clearance=3.0 * float(self.sigma[self.sized].max()),
             probability=self.at_three_sigma,
             first_hits=self.together.first_rate()[-1] * self.mission,
-            rice_hits=self._rice_rate(self._stops(3.0 * self.sigma)) * self.mission,
+            rice_hits=rice_rate(self.motion.motions, self._stops(3.0 * self.sigma)) * self.mission,
         )
 
     @property
@@ -793,86 +799,12 @@ class SharedRisk(Family):
         """A row per accepted probability."""
         rows, total = [], self.total
         for chance in SEARCH.required:
-            places = self.columns(self.ends[1])
-            if total.least < chance < total.most:
-                places = self.columns(-math.log(total.risk(chance)[0]))
-            else:
-                places = dict.fromkeys(places, math.nan)
-            rows.append({"probability": chance, **places})
-        return rows
-
-
-@dataclass(frozen=True)
-class TotalRisk:
-    """-ln(1 - P) of an impact of any pair against the risk of each, logarithmic, between the risks
-    that were looked at (monotone cubic); with the 95 % half widths of the logarithm."""
-
-    risks: Vector
-    logs: Vector
-    halves: Vector
-
-    @classmethod
-    def of(cls, risks: Vector, chances: Sequence[Estimate]) -> TotalRisk:
-        """The curve from the probabilities at these risks; probabilities of 0 or 1 are left out, as
-        their logarithms are infinite."""
-        values = np.array([each.value for each in chances])
-        half = np.array([each.half_width_95() for each in chances])
-        usable = (values > 0.0) & (values < KNOWN)
-        hazard = -np.log1p(-values[usable])
-        logs = np.maximum.accumulate(np.log(hazard))
-        return cls(np.log(risks[usable]), logs, half[usable] / (np.exp(-hazard) * hazard))
-
-    @property
-    def least(self) -> float:
-        """The smallest probability that was looked at; 1 where none can be told from 1."""
-        return -math.expm1(-math.exp(self.logs[0])) if len(self.logs) else 1.0
-
-    @property
-    def most(self) -> float:
-        """The largest probability that was looked at."""
-        return -math.expm1(-math.exp(self.logs[-1]))
-
-    @cached_property
-    def _curve(self) -> Callable[[float], float]:
-        curve = scipy.interpolate.PchipInterpolator(self.risks, self.logs)
-        return lambda place: float(curve(place))
-
-    def risk(self, probability: float) -> tuple[float, float]:
-        """Risk of each pair at which the probability of any impact is `probability`, and the 95 %
-        half width of its logarithm."""
-        wanted = math.log(-math.log1p(-probability))
-        if not self.logs[0] <= wanted <= self.logs[-1]:
-            raise OutOfReach(
-                f"probability must be in [{self.least:.3g}, {self.most:.3g}], as at the clearances "
-                f"that are tried for this mission, got {probability:g}; ask for another "
-                "probability or mission"
+            known = total.least < chance < total.most
+            places = self.columns(self._place(chance)[0] if known else self.ends[1])
+            rows.append(
+                {"probability": chance, **(places if known else dict.fromkeys(places, math.nan))}
             )
-        low, high = self.risks[[0, -1]]
-        place = place_of(self._curve, wanted, low, high)
-        slope = slope_of(self._curve, place, 0.01 * (high - low), low, high)
-        half = float(np.interp(place, self.risks, self.halves)) / max(slope, STEEP)
-        return math.exp(place), min(half, WIDEST_HALF)
-
-    def at(self, risk: float) -> Probability:
-        """The probability of any impact at a risk of each pair; 1 where it cannot be told from
-        1."""
-        place = math.log(risk)
-        if place > self.risks[-1]:
-            return Probability(value=1.0, lower=self.most, upper=1.0)
-        place = max(place, self.risks[0])
-        return self._with_interval(place, self._curve(place))
-
-    def probability(self, value: float) -> Probability:
-        """A probability between those looked at, with its interval."""
-        return self._with_interval(math.log(self.risk(value)[0]), math.log(-math.log1p(-value)))
-
-    def _with_interval(self, place: float, log: float) -> Probability:
-        """The probability of which `log` is ln(-ln(1 - P)), at the logarithm of a risk."""
-        hazard = math.exp(log)
-        value = -math.expm1(-hazard)
-        # next to 1 the half width of the logarithm tends to infinity, that of the probability to 0
-        half = float(np.interp(place, self.risks, self.halves)) * math.exp(-hazard) * hazard
-        return Probability(value=value, lower=max(value - half, 0.0), upper=min(value + half, 1.0))
+        return rows
 
 
 # ------------------------------------------------------------------------------

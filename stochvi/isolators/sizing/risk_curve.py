@@ -8,12 +8,10 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import ClassVar, Unpack
 
 import numpy as np
-import scipy
-from numpy.typing import NDArray
 
 from stochvi.isolators.screening import at_clearances
 from stochvi.isolators.sizing.answer import Clearance, Target
@@ -34,50 +32,28 @@ from stochvi.statistics.crossings import (
     CrossingAges,
     FirstCrossings,
     PairMotion,
-    largest_error,
     one_gap,
 )
 from stochvi.statistics.hardness import HARDNESS, ImpactSpeed, Limit, PeakAcceleration, hardness_of
-from stochvi.statistics.mission_parts import Hazard
+from stochvi.statistics.hazards import (
+    HazardCurve,
+    OutOfReach,
+    falling_chances,
+    half_widths,
+    place_of,
+)
 from stochvi.statistics.rare_hits import WindowSampler
 
 CERTAIN = 0.999
 """Largest probability of an impact that a target may have."""
 
-KNOWN = 1.0 - 1e-12
-"""Largest probability of an impact whose ln(1 - P) still has four digits after rounding."""
-
 RARE_ENOUGH = 10.0
 """Number of first impacts in a mission up to which a clearance is read from the curve of
 probabilities; for more, it is read from the rate of first impacts."""
 
-LIKELY = 0.5
-"""Probability of an impact above which the rate of first impacts may give its error, if that is
-smaller."""
-
-
 SIGMA_STEP, MOST_LEVELS = 0.25, 64
 """Distance from one clearance of a curve to the next, in standard deviations of the noise, and the
 largest number of clearances; the distance grows where sines are much larger than the noise."""
-
-
-def place_of(curve: Callable[[float], float], wanted: float, low: float, high: float) -> float:
-    """The place at which a curve, such as the logarithm of a hazard, takes a value."""
-    size = max(abs(low), abs(high))
-    return float(
-        scipy.optimize.brentq(
-            lambda place: curve(place) - wanted, low, high, xtol=1e-12 * size, rtol=1e-12
-        )
-    )
-
-
-def slope_of(
-    curve: Callable[[float], float], place: float, step: float,
-    low: float = -math.inf, high: float = math.inf,
-) -> float:  # fmt: skip
-    """Its slope there, by a step to either side between the ends of what is known."""
-    inside = min(max(place, low + step), high - step)
-    return (curve(inside + step) - curve(inside - step)) / (2.0 * step)
 
 
 def clearances_of_curve(motion: MovingMean, lowest: float, highest: float) -> Vector:
@@ -99,11 +75,8 @@ def chance_of_stops(scene: Scene, stops: Matrix, mission: float, run: Run) -> Es
 
 @dataclass(frozen=True, kw_only=True)
 class RiskCurve:
-    """Probability of any impact in a mission against clearance, between the levels of one run.
-
-    -ln(1 - P), over what Rice's rate gives for it, changes slowly with the clearance: it is
-    interpolated (monotone cubic, logarithmic) and P follows. Clearances in m per side.
-    """
+    """Probability of any impact of one gap in a mission against clearance, m per side, between the
+    levels of one run: see `HazardCurve`."""
 
     crossings: CrossingAges
     motion: MovingMean
@@ -125,8 +98,16 @@ class RiskCurve:
         return cls(
             crossings=found, motion=together.motions[number], mission=mission,
             clearances=rows[:, :, number].min(axis=0),
-            probabilities=_falling(found.probability(mission)),
-            first_rates=_falling(found.first_rate()),
+            probabilities=falling_chances(found.probability(mission)),
+            first_rates=falling_chances(found.first_rate()),
+        )  # fmt: skip
+
+    @cached_property
+    def hazards(self) -> HazardCurve:
+        """-ln(1 - P) against the clearance."""
+        return HazardCurve.of(
+            self.clearances, self.probabilities, self.mission, first_rates=self.first_rates,
+            expected=lambda clearance: self.rice_rate(clearance) * self.mission,
         )  # fmt: skip
 
     @property
@@ -137,7 +118,7 @@ class RiskCurve:
     @property
     def largest_hazard(self) -> float:
         """-ln(1 - P) at the smallest clearance whose probability of an impact is below 1."""
-        return math.exp(self._logarithms()[1][0])
+        return math.exp(self.hazards.log(self.hazards.ends[0]))
 
     @property
     def most_first_hits(self) -> float:
@@ -147,26 +128,21 @@ class RiskCurve:
     def clearance(self, probability: float) -> Clearance:
         """The clearance at which the probability of any impact is `probability`, with its 95 %
         interval."""
-        wanted = math.log(-math.log1p(-probability))
-        usable, logs, errors = self._logarithms()
-        curve = self._interpolated(usable, logs)
-        low, high = self.clearances[usable][[0, -1]]
-        if wanted > curve(low):
+        wanted, (low, high) = -math.log1p(-probability), self.hazards.ends
+        if math.log(wanted) > self.hazards.log(low):
             raise OutOfReach(
                 f"probability must be at most {self.probability(low):.3g} for a mission of "
                 f"{self.mission:g} s, as at {1e3 * low:.4g} mm, the smallest clearance that is "
                 f"tried ({low / self.sigma:.3g} sigma), got {probability:g}; "
                 "ask for a smaller probability or a longer mission"
             )
-        if wanted < curve(high):
+        if math.log(wanted) < self.hazards.log(high):
             raise OutOfReach(
                 f"probability must be at least {self.probability(high):.3g} for a mission of "
                 f"{self.mission:g} s, as at {1e3 * high:.4g} mm, the largest clearance that is "
                 f"tried, got {probability:g}; ask for a larger probability"
             )
-        value = place_of(curve, wanted, low, high)
-        slope = slope_of(curve, value, 1e-3 * self.sigma, low, high)
-        half = float(np.interp(value, self.clearances[usable], errors)) / abs(slope)
+        value, half = self.hazards.place(wanted, 1e-3 * self.sigma)
         return Clearance(value=value, lower=value - half, upper=value + half)
 
     def place(self, hazard: float) -> float:
@@ -188,26 +164,9 @@ class RiskCurve:
     def probability(self, clearance: float) -> float:
         """Probability of any impact at a clearance; beyond the levels, the ratio to Rice's rate is
         held constant."""
-        usable, logs, _ = self._logarithms()
-        if clearance < self.clearances[usable][0]:
+        if clearance < self.hazards.ends[0]:
             return 1.0
-        return -math.expm1(-math.exp(self._interpolated(usable, logs)(clearance)))
-
-    def hazard(self, clearance: float) -> Hazard:
-        """-ln(1 - P) at a clearance, and half its 95 % interval; beyond the levels, the ratio to
-        Rice's rate is held constant."""
-        usable, logs, errors = self._logarithms()
-        first = float(self.clearances[usable][0])
-        value = math.exp(self._interpolated(usable, logs)(max(clearance, first)))
-        if clearance < first:
-            value *= self.rice_rate(clearance) / self.rice_rate(first)
-        share = float(np.interp(clearance, self.clearances[usable], errors))
-        return Hazard.within(value, value * share)
-
-    @property
-    def reached(self) -> float:
-        """Largest relative standard error of the probabilities."""
-        return largest_error(self.crossings, self.mission)
+        return -math.expm1(-math.exp(self.hazards.log(clearance)))
 
     def first_rate(self, clearance: float) -> float:
         """Limiting rate of first impacts, 1/s."""
@@ -235,40 +194,6 @@ class RiskCurve:
         change = math.log(self.motion.rate(far) / self.motion.rate(near))
         return change / (far**2 - near**2)
 
-    def _logarithms(self) -> tuple[NDArray[np.bool_], Vector, Vector]:
-        """Levels with a probability between 0 and 1, ln(-ln(1 - P)) there, and its 95 % half
-        width."""
-        chance = np.array([estimate.value for estimate in self.probabilities])
-        usable = (chance > 0.0) & (chance < KNOWN)
-        if usable.sum() < 2:
-            raise OutOfReach(
-                f"the probability of an impact in {self.mission:g} s is 0 or 1 at all clearances "
-                "that were tried; change the mission"
-            )
-        half = _half_widths(self.probabilities)[usable]
-        rates = np.array(self.first_rates, dtype=float)
-        of_rates = (_half_widths(self.first_rates) / rates)[usable]
-        chance = chance[usable]
-        hazard = -np.log1p(-chance)
-        errors = half / ((1.0 - chance) * hazard)
-        # near 1 the paths show hardly any survivor, but the rate of first impacts is known there
-        errors = np.where(chance > LIKELY, np.minimum(errors, of_rates), errors)
-        return usable, np.log(hazard), errors
-
-    def _interpolated(self, usable: NDArray[np.bool_], logs: Vector) -> Callable[[float], float]:
-        expected = np.log([self.rice_rate(c) * self.mission for c in self.clearances[usable]])
-        ratio = scipy.interpolate.PchipInterpolator(self.clearances[usable], logs - expected)
-        last = float(self.clearances[usable][-1])
-
-        def interpolated(clearance: float) -> float:
-            # at some 38 deviations Rice's rate is below the smallest number
-            crossings = self.rice_rate(clearance) * self.mission
-            if crossings == 0.0:
-                return -math.inf
-            return float(ratio(min(clearance, last))) + math.log(crossings)
-
-        return interpolated
-
     def columns(self) -> dict[str, Sequence[float] | Vector]:
         """The table that `Sizing.curve` describes."""
         limits = {"first_hit_rate": self.first_rates, "probability": self.probabilities}
@@ -279,43 +204,16 @@ class RiskCurve:
         }
         for name, estimates in limits.items():
             most = 1.0 if name == "probability" else math.inf
-            values, half = np.array(estimates, dtype=float), _half_widths(estimates)
+            values, half = np.array(estimates, dtype=float), half_widths(estimates)
             columns[name] = values
             columns[f"{name}_low"] = np.maximum(values - half, 0.0)
             columns[f"{name}_high"] = np.minimum(values + half, most)
         return columns
 
 
-def _half_widths(estimates: Sequence[Estimate]) -> Vector:
-    """Half widths of the 95 % intervals, each with the bias of its estimate."""
-    return np.array([estimate.half_width_95() for estimate in estimates])
-
-
-def _falling(estimates: Sequence[Estimate]) -> list[Estimate]:
-    """Rates, or probabilities, raised so that none is below that of a farther stop: where hardly
-    any motion outlasts the memory, the estimate is mostly noise. A raised value has the larger
-    error of the two."""
-    found: list[Estimate] = []
-    for own in reversed(estimates):
-        farther = found[-1] if found else own
-        if farther.value > own.value:
-            own = replace(
-                own,
-                value=farther.value,
-                standard_error=max(own.standard_error, farther.standard_error),
-                bias=max(own.bias or 0.0, farther.bias or 0.0),
-            )
-        found.append(own)
-    return found[::-1]
-
-
 # ------------------------------------------------------------------------------
 # Targets of a sizing, and the impact laws that they need.
 # ------------------------------------------------------------------------------
-
-
-class OutOfReach(ValueError):
-    """A target that no clearance meets of those that are tried for a scene."""
 
 
 def target_of(

@@ -1,6 +1,6 @@
-"""`size`: the clearance that an isolator needs. Chapters: one gap in the phases of a mission; all
-pairs in a phase; a mission of several phases; a limit on the damage of equipment; `size` itself,
-with tolerances."""
+"""`size`: the clearance that an isolator needs. Chapters: the hazard of a phase against the place
+of stops; of several phases together; a mission of several phases; a limit on the damage of
+equipment; `size` itself, with tolerances."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
 import scipy
@@ -28,12 +28,11 @@ from stochvi.isolators.sizing.pairs import (
     RISK_STEP,
     SHARE_OF_CURVES,
     SIDES,
-    TotalRisk,
-    curve_of_gap,
     has_one_gap,
+    levels_of_gap,
     nominal_sizing,
 )
-from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve, place_of, slope_of, target_of
+from stochvi.isolators.sizing.risk_curve import target_of
 from stochvi.isolators.sizing.search import ACCEPTED, SEARCH
 from stochvi.isolators.sizing.sensitivity import LEAST_SECONDS, worst_case
 from stochvi.isolators.tolerances import Tolerances
@@ -50,11 +49,12 @@ from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.phases import Phase, steps_of_bands
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.validation import varied
-from stochvi.statistics.crossings import FirstCrossings, PairMotion, largest_error, one_gap
+from stochvi.statistics.crossings import FirstCrossings, PairMotion, one_gap, rice_rate
 from stochvi.statistics.damage import Damage, damage
 from stochvi.statistics.free_flights import is_followed, linearised, windows_over
 from stochvi.statistics.hardness import limits_in
-from stochvi.statistics.mission_parts import INDEPENDENT, Hazard, joined, parts_of_mission
+from stochvi.statistics.hazards import KNOWN, Hazard, HazardCurve, joined, place_of, slope_of
+from stochvi.statistics.mission_parts import INDEPENDENT, parts_of_mission
 from stochvi.statistics.reliability.missions import (
     FOLLOWED,
     NEGLIGIBLE,
@@ -63,147 +63,227 @@ from stochvi.statistics.reliability.missions import (
     lag_of,
     spoken_lags,
 )
-from stochvi.statistics.trial_splitting import (
-    HazardCurve,
-    has_fast_peaks,
-    hazard_curve,
-)
+from stochvi.statistics.trial_splitting import DEPTH, has_fast_peaks, hazard_curve
 
 if TYPE_CHECKING:
     from stochvi.isolators.tolerances import Spread
 
 
 # ------------------------------------------------------------------------------
-# One gap in the phases of a mission: its hazard against the clearance, alone and of all phases.
+# The hazard of a phase of a mission against the place of stops.
+#
+# The stops of all gaps go farther as one number rises: the clearance of a gap whose pair alone has
+# stops, or that of the widest gap, where pairs share the risk equally. Their clearances are then
+# those at which each alone would be hit in the whole mission with the same probability.
 # ------------------------------------------------------------------------------
 
-
-POINTS, AROUND = 41, 0.35
-"""Number of clearances of the curve of an answer, and how far it reaches from the clearance that
-was found, as a share of it."""
 
 FARTHEST = 100.0
 """Largest clearance of a curve under noise with fast peaks, in rms displacements of the gap."""
 
-LEAST = 1e-300
-"""Smallest hazard, of which a logarithm is taken."""
+RANGE = 20.0
+"""Factor by which the risks that are looked at reach beyond those of possible answers."""
+
+FARTHEST_PLACE, PLACES = 4.0, 401
+"""Largest clearance that pieces of the motion under noise with fast peaks tell, over the largest
+that is looked at. All clearances are linear between so many up to it."""
+
+FAR = 30.0
+"""Distance of a stop, in rms motions of its gap, beyond which it is left out: noise crosses it with
+a probability of 1e-195."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class GapInPhase:
-    """The gap of one pair in a phase, as if it alone had stops. Distances in m.
+class PhaseMotion:
+    """A phase, and the motion of all gaps in it without stops. Lengths in m.
 
     Parameters
     ----------
-    model
-        The model of the phase.
-    together
-        The motion of all gaps in the phase.
-    number
-        The number of the gap among them.
-    shift
-        How much farther up the gap hangs than in the mount as stated.
+    scene, model
+        Those of the phase.
+    motion
+        The motion of all gaps.
+    shifts
+        (pairs,): how much farther up each gap hangs than in the mount as stated.
     sides
-        The sides that have a stop.
+        The sides on which each pair has a stop.
     pieces
         The model of all gaps where pieces of its motion are followed (`is_followed`), else None.
-    curve
-        Its risk against clearance; None where crossings count by Rice's formula.
     """
 
+    scene: Scene
     model: Model
-    together: PairMotion
-    number: int
+    motion: PairMotion
     duration: float
-    shift: float
-    sides: tuple[float, ...]
-    sweep_rate: float = 0.0
-    pieces: Model | None = None
-    curve: RiskCurve | HazardCurve | None = None
+    shifts: Vector
+    sides: tuple[tuple[float, ...], ...]
+    sweep_rate: float
+    pieces: Model | None
+
+    @classmethod
+    def of(cls, phase: Phase, whole: Scene) -> PhaseMotion:
+        """A phase of a scene; `NotApplicable` where its motion without stops is not covered."""
+        scene = phase.of(whole)
+        model = model_of(scene)
+        if conditions := modulated(model):
+            raise NotApplicable("size", [f"{each} (in phases)" for each in conditions])
+        if model.functions and np.any(model.constant_force):
+            raise NotApplicable("size", [HANGING])
+        steady = replace(model, level=None)
+        linear = linearised(steady)
+        free = one_gap(linear) if has_one_gap(model) else linear
+        motion = PairMotion.under_shocks(free)
+        stated = model_of(as_stated(whole))
+        shifts = np.subtract(*(_mean_gaps(each) for each in (model, stated)))
+        if model.level is not None:
+            _check_level(model, shifts)
+        return cls(
+            scene=scene, model=model, motion=motion, duration=phase.duration, shifts=shifts,
+            sweep_rate=phase.sweep_rate,
+            pieces=replace(steady, pairs=free.pairs) if is_followed(steady) else None,
+            sides=tuple(
+                tuple(float(stop.side) for stop in pair.stops) or SIDES
+                for pair in model.pairs or motion.model.pairs
+            ),
+        )  # fmt: skip
 
     @property
-    def sigma(self) -> float:
-        """rms displacement, sines included."""
-        return self.together.motions[self.number].deviations[0]
+    def sigma(self) -> Vector:
+        """(pairs,): rms of each gap, sines included."""
+        return np.asarray(self.motion.displacement_std)
 
-    def expected(self, clearance: float) -> float:
+    @property
+    def level_time(self) -> float:
+        """Time for which a varying level is taken to stay; the duration where none varies."""
+        level = self.model.level
+        return self.duration if level is None else min(self.duration, level.time)
+
+    def distances(self, clearances: Matrix) -> Vector:
+        """(2, places, pairs): distances of the lower and the upper stops from the mean gaps, at
+        clearances (places, pairs); infinite for none."""
+        found = np.full((2, *clearances.shape), math.inf)
+        for pair, (shift, sides) in enumerate(zip(self.shifts, self.sides, strict=True)):
+            for side in sides:
+                found[int(side > 0.0), :, pair] = clearances[:, pair] - side * shift
+        return found
+
+    def crossings(self, clearances: Vector, gain: float = 1.0) -> float:
+        """Rice's rate of crossings of all stops, 1/s, under noise that is louder by a gain."""
+        return rice_rate(self.motion.motions, self.distances(clearances[None])[:, 0], gain)
+
+    def expected(self, clearances: Vector) -> float:
         """Rice's number of crossings; where the level varies, the hazard that follows from it."""
-        motion = self.together.motions[self.number]
-        if not motion.place:
-            return 0.0
-
-        def crossings(gain: float) -> float:
-            return sum(
-                motion.towards(side).rate(max(clearance - side * self.shift, 0.0) / gain)
-                for side in self.sides
-            )
-
         level = self.model.level
         if level is None:
-            return self.duration * crossings(1.0)
-        return self._varying(np.array([crossings(gain) for gain in level.gains]), level)
+            return self.duration * self.crossings(clearances)
+        rates = np.array([self.crossings(clearances, gain) for gain in level.gains])
+        return self.varying(rates, level)
 
-    def _varying(self, rates: Vector, level: RandomLevel) -> float:
+    def varying(self, rates: Vector, level: RandomLevel) -> float:
         """-ln(1 - P) of a hazard with these rates at the gains of a level."""
         chance = level.probability(rates, self.duration)
         return -math.log1p(-min(chance, KNOWN))
 
-    def lag(self, clearance: float) -> float:
-        """By how much, as a share, the hazard of what moves may be too large at a clearance."""
-        return lag_of_hazard(self.expected, clearance, self.model, self.sweep_rate)
 
-    def simulated(self, target: Target, run: Run) -> GapInPhase:
-        """The gap with its curve of risk, where the level varies that of the level 0 dB in the
-        time of the level."""
-        if self.pieces is not None:
-            return replace(self, curve=self._curve_of_pieces(self.pieces, target.value, run))
-        level = self.model.level
-        time = self.duration if level is None else min(self.duration, level.time)
-        curve = curve_of_gap(
-            self.together, target, time, run, number=self.number, shift=self.shift,
-            sides=self.sides,
+def _mean_gaps(model: Model) -> Vector:
+    """Mean gap of each pair under the constant loads, m; without pairs, that of the only mass."""
+    return model.mean_gaps if model.pairs else model.modal.shapes @ model.modal.rest
+
+
+def _check_level(model: Model, shifts: Vector) -> None:
+    """Raise `NotApplicable` where noise of varying level does not move one gap alone."""
+    felt_by(model)
+    if len(shifts) > 1 or model.sines or np.any(shifts) or is_followed(model):
+        several = "several pairs" if len(shifts) > 1 else "a mount that hangs lower in a phase"
+        beside = "fast peaks" if has_fast_peaks(model) else several
+        beside = "a spring or damper that is a function" if model.functions else beside
+        got = "a sine beside it" if model.sines else beside
+        raise NotApplicable(
+            "size",
+            ["noise of varying level must be alone on one pair that hangs evenly, got "
+             f"{got}; reliability gives the risk of a clearance"],
         )  # fmt: skip
-        return replace(self, curve=curve)
 
-    def _curve_of_pieces(self, pieces: Model, probability: float, run: Run) -> HazardCurve:
-        """The curve of the hazard against the clearance, by pieces of the motion."""
-        places = np.array([0.0, FARTHEST * self.sigma])
-        rows = np.full((2, 2, len(self.together.motions)), math.inf)
-        rows[:, :, self.number] = self.distances(places)
-        kind = windows_over(pieces, places, rows, self.duration, run.seed)
-        return hazard_curve(kind, -math.log1p(-probability), self.duration, run)
 
-    def distances(self, clearances: Vector) -> Matrix:
-        """(places, 2) distances of the lower and the upper stop from the mean gap; infinite for
-        none."""
-        found = np.full((len(clearances), 2), math.inf)
-        for side in self.sides:
-            found[:, int(side > 0.0)] = clearances - side * self.shift
-        return found
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HazardInPhase:
+    """The hazard of any impact in a phase, against the place of the stops.
 
-    def hazard(self, clearance: float) -> Hazard:
-        """-ln(1 - P) at a clearance, and half its 95 % interval."""
+    Parameters
+    ----------
+    clearances
+        (pairs,): the clearances at a place, infinite for pairs without stops.
+    curve
+        What was simulated, where the level varies at the level 0 dB in the time of the level; None
+        where crossings count by Rice's formula.
+    """
+
+    phase: PhaseMotion
+    clearances: Callable[[float], Vector]
+    curve: HazardCurve | None = None
+
+    @classmethod
+    def alone(cls, phase: PhaseMotion, pair: int) -> HazardInPhase:
+        """That of one pair, as if it alone had stops: its place is its clearance."""
+        own = np.arange(len(phase.sides)) == pair
+        return cls(phase=phase, clearances=lambda place: np.where(own, place, math.inf))
+
+    def expected(self, place: float) -> float:
+        """Rice's number of crossings at a place."""
+        return self.phase.expected(self.clearances(place))
+
+    def lag(self, place: float) -> float:
+        """By how much, as a share, the hazard of what moves may be too large at a place."""
+        rate = self.phase.sweep_rate
+        known = self.expected(place) if rate else 0.0
+        if not known:
+            return 0.0
+        return self.expected(place / (1.0 + lag_of(self.phase.model, rate))) / known - 1.0
+
+    def simulated(self, places: Vector, run: Run) -> HazardInPhase:
+        """The same from first crossings of all gaps together at some places."""
+        phase, time = self.phase, self.phase.level_time
+        rows = self._rows(places)
+        if phase.motion.shocks is None:
+            rows = np.where(rows < FAR * phase.sigma, rows, math.inf)
+        found: FirstCrossings = partial_result(phase.motion.crossings, *rows, time, run)
+
+        def expected(place: float) -> float:
+            return time * phase.crossings(self.clearances(place))
+
+        return replace(self, curve=found.hazards(places, time, expected))
+
+    def in_pieces(
+        self, places: Vector, hazard: float, run: Run, depth: float = DEPTH
+    ) -> HazardInPhase:
+        """The same around a hazard, from pieces of the motion that reach places."""
+        phase, rows = self.phase, self._rows(places).transpose(1, 0, 2)
+        assert phase.pieces is not None
+        kind = windows_over(phase.pieces, places, rows, phase.duration, run.seed)
+        return replace(self, curve=hazard_curve(kind, hazard, phase.duration, run, depth))
+
+    def _rows(self, places: Vector) -> Vector:
+        return self.phase.distances(np.array([self.clearances(float(each)) for each in places]))
+
+    def hazard(self, place: float) -> Hazard:
+        """-ln(1 - P) at a place, and half its 95 % interval."""
         if self.curve is None:
-            return Hazard(self.expected(clearance))
-        if isinstance(self.curve, HazardCurve):
-            return self.curve.hazard(clearance)
-        nearest = min(clearance - side * self.shift for side in self.sides)
-        level = self.model.level
+            return Hazard(self.expected(place))
+        level = self.phase.model.level
         if level is None:
-            return self.curve.hazard(nearest)
-        value, upper = self._of_level(self.curve, nearest, level)
-        felt, _ = self._of_level(self.curve, nearest, felt_by(self.model))
+            return self.curve.hazard(place)
+        value, upper = self._of_level(self.curve, place, level)
+        felt, _ = self._of_level(self.curve, place, felt_by(self.phase.model))
         return Hazard.within(value, upper - value + abs(felt - value))
 
     def _of_level(
-        self, curve: RiskCurve, nearest: float, level: RandomLevel
+        self, curve: HazardCurve, place: float, level: RandomLevel
     ) -> tuple[float, float]:
-        """The hazard at a clearance while the level varies, and the upper end of its interval."""
-        places = nearest / level.gains
-        motion = self.together.motions[self.number]
-        known = [curve.hazard(c) if motion.rate(c) else Hazard(0.0) for c in places]
-        values, upper = np.array([(h.value, h.value + h.half) for h in known]).T / curve.mission
-        return self._varying(values, level), self._varying(upper, level)
+        """The hazard at a place while the level varies, and the upper end of its interval."""
+        known = [curve.hazard(each) for each in place / level.gains]
+        ends = np.array([(each.value, each.value + each.half) for each in known]).T / curve.mission
+        value, upper = (self.phase.varying(each, level) for each in ends)
+        return value, upper
 
     @property
     def reached(self) -> float:
@@ -211,41 +291,30 @@ class GapInPhase:
         return 0.0 if self.curve is None else self.curve.reached
 
 
-def lag_of_hazard(
-    expected: Callable[[float], float], clearance: float, model: Model, sweep_rate: float
-) -> float:
-    """By how much, as a share, the hazard of what moves may be too large at a clearance."""
-    known = expected(clearance) if sweep_rate else 0.0
-    if not known:
-        return 0.0
-    return expected(clearance / (1.0 + lag_of(model, sweep_rate))) / known - 1.0
+# ------------------------------------------------------------------------------
+# The hazard of several phases together, and where it has a value.
+# ------------------------------------------------------------------------------
 
 
-class HazardOfStops(Protocol):
-    """The hazard of a part of a mission where stops are at a clearance."""
+POINTS, AROUND = 41, 0.35
+"""Number of clearances of the curve of an answer, and how far it reaches from the clearance that
+was found, as a share of it."""
 
-    def hazard(self, clearance: float) -> Hazard:
-        """-ln(1 - P) with its interval."""
-
-    def lag(self, clearance: float) -> float:
-        """By how much, as a share, the hazard of what moves may be too large."""
-
-    @property
-    def reached(self) -> float:
-        """Largest relative standard error of its probabilities."""
+LEAST = 1e-300
+"""Smallest hazard, of which a logarithm is taken."""
 
 
 @dataclass(frozen=True)
 class Joint:
     """The hazard of several phases together."""
 
-    phases: Mapping[str, HazardOfStops]
+    phases: Mapping[str, HazardInPhase]
     steps: Sequence[Sequence[str]] = ()
 
-    def hazard(self, clearance: float) -> Hazard:
+    def hazard(self, place: float) -> Hazard:
         """The sum of the hazards, with the bias of the steps of moving bands."""
-        parts = {name: each.hazard(clearance) for name, each in self.phases.items()}
-        lags = {name: each.lag(clearance) for name, each in self.phases.items()}
+        parts = {name: each.hazard(place) for name, each in self.phases.items()}
+        lags = {name: each.lag(place) for name, each in self.phases.items()}
         return joined(parts, self.steps, lags)
 
     def clearance(self, hazard: float, guess: float) -> Clearance:
@@ -292,111 +361,13 @@ class Joint:
         return found
 
 
-# ------------------------------------------------------------------------------
-# All pairs in a phase of a mission: the hazard that any of them is hit, at an equal risk of each.
-#
-# The clearances of several pairs are those at which each alone would be hit in the whole mission
-# with the same probability. They are known by that of the widest gap.
-# ------------------------------------------------------------------------------
-
-
-RANGE = 20.0
-"""Factor by which the risks that are looked at reach beyond those of possible answers."""
-
-FARTHEST_PLACE, PLACES = 4.0, 401
-"""Largest clearance that pieces of the motion under noise with fast peaks tell, over the largest
-that is looked at. All clearances are linear between so many up to it."""
-
-FAR = 30.0
-"""Distance of a stop, in rms motions of its gap, beyond which it is left out: it is crossed with a
-probability of 1e-195."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PhaseOfPairs:
-    """A phase: its scene, and the gap of each pair."""
-
-    scene: Scene
-    duration: float
-    gaps: tuple[GapInPhase, ...]
-
-    @classmethod
-    def of(cls, phase: Phase, whole: Scene) -> PhaseOfPairs:
-        """A phase of a scene; `NotApplicable` where its motion without stops is not covered."""
-        scene = phase.of(whole)
-        model = model_of(scene)
-        if conditions := modulated(model):
-            raise NotApplicable("size", [f"{each} (in phases)" for each in conditions])
-        if model.functions and np.any(model.constant_force):
-            raise NotApplicable("size", [HANGING])
-        alone = has_one_gap(model)
-        steady = replace(model, level=None)
-        linear = linearised(steady)
-        free = one_gap(linear) if alone else linear
-        pieces = replace(steady, pairs=free.pairs) if is_followed(steady) else None
-        motion = PairMotion.under_shocks(free)
-        pairs = model.pairs or motion.model.pairs
-        stated = model_of(as_stated(whole))
-        shifts = np.subtract(*(_mean_gaps(each) for each in (model, stated)))
-        gaps = tuple(
-            GapInPhase(
-                model=model, together=motion, number=number, duration=phase.duration,
-                shift=float(shift), sweep_rate=phase.sweep_rate, pieces=pieces,
-                sides=tuple(float(stop.side) for stop in pair.stops) or SIDES,
-            )
-            for number, (pair, shift) in enumerate(zip(pairs, shifts, strict=True))
-        )  # fmt: skip
-        if model.level is not None:
-            _check_level(model, shifts)
-        return cls(scene=scene, duration=phase.duration, gaps=gaps)
-
-    @property
-    def in_pieces(self) -> bool:
-        """Whether no formula tells its crossings, see `is_followed`."""
-        return any(gap.pieces is not None for gap in self.gaps)
-
-    def expected(self, clearances: Sequence[float]) -> float:
-        """Rice's number of crossings of all stops at the clearances of the pairs."""
-        return sum(gap.expected(c) for gap, c in zip(self.gaps, clearances, strict=True))
-
-    def simulated(self, target: Target, run: Run, felt: Sequence[bool]) -> PhaseOfPairs:
-        """The phase with the curves of those gaps whose crossings are felt."""
-        gaps = list(self.gaps)
-        asked = [number for number, each in enumerate(felt) if each]
-        for done, number in enumerate(asked):
-            low, high = done / len(asked), (done + 1.0) / len(asked)
-            share = run.deadline.share(1.0 / (len(asked) - done))
-            gaps[number] = gaps[number].simulated(target, run.part(low, high, deadline=share))
-        return replace(self, gaps=tuple(gaps))
-
-
-def _mean_gaps(model: Model) -> Vector:
-    """Mean gap of each pair under the constant loads, m; without pairs, that of the only mass."""
-    return model.mean_gaps if model.pairs else model.modal.shapes @ model.modal.rest
-
-
-def _check_level(model: Model, shifts: Vector) -> None:
-    """Raise `NotApplicable` where noise of varying level does not move one gap alone."""
-    felt_by(model)
-    if len(shifts) > 1 or model.sines or np.any(shifts) or is_followed(model):
-        several = "several pairs" if len(shifts) > 1 else "a mount that hangs lower in a phase"
-        beside = "fast peaks" if has_fast_peaks(model) else several
-        beside = "a spring or damper that is a function" if model.functions else beside
-        got = "a sine beside it" if model.sines else beside
-        raise NotApplicable(
-            "size",
-            ["noise of varying level must be alone on one pair that hangs evenly, got "
-             f"{got}; reliability gives the risk of a clearance"],
-        )  # fmt: skip
-
-
 @dataclass(frozen=True, eq=False)
 class EqualRisk:
-    """Clearances (places, pairs) at which each pair alone has the same of the `hazards` in the
-    whole mission, the largest hazard first."""
+    """Clearances (places, pairs) at which each pair alone has the same of some hazards in the whole
+    mission, the largest hazard first; `depth` is that over the smallest."""
 
-    hazards: Vector
     places: Matrix
+    depth: float
 
     @classmethod
     def around(
@@ -416,115 +387,28 @@ class EqualRisk:
         )
         if shared:
             places[[*shared]] = places[[*shared]].max(axis=0)
-        return cls(hazards, places.T)
+        return cls(places.T, most / least)
 
     @property
     def widest(self) -> int:
         """Number of the pair with the largest clearance."""
         return int(np.argmax(self.places[len(self.places) // 2]))
 
+    @property
+    def of_widest(self) -> Vector:
+        """The clearances of the widest gap, rising."""
+        return self.places[:, self.widest]
+
     @cached_property
     def _clearances(self) -> scipy.interpolate.PchipInterpolator:
-        return scipy.interpolate.PchipInterpolator(self.places[:, self.widest], self.places)
-
-    @cached_property
-    def _logarithms(self) -> scipy.interpolate.PchipInterpolator:
-        return scipy.interpolate.PchipInterpolator(
-            self.places[:, self.widest], np.log(self.hazards)
-        )
-
-    def held(self, place: float) -> float:
-        """A clearance of the widest gap, or the nearest that is looked at."""
-        low, high = self.places[[0, -1], self.widest]
-        return float(min(max(place, low), high))
+        return scipy.interpolate.PchipInterpolator(self.of_widest, self.places)
 
     def at(self, place: float) -> Vector:
         """The clearances of all pairs by that of the widest gap; beyond those that are looked at,
         in the same proportions."""
-        held = self.held(place)
+        low, high = self.of_widest[[0, -1]]
+        held = min(max(place, low), high)
         return np.asarray(self._clearances(held) * place / held)
-
-    def hazard(self, place: float) -> float:
-        """The hazard of each pair alone by the clearance of the widest gap."""
-        return math.exp(float(self._logarithms(self.held(place))))
-
-
-@dataclass(frozen=True, eq=False)
-class AnyPair:
-    """The hazard that any pair is hit in a phase, against the clearance of the widest gap."""
-
-    phase: PhaseOfPairs
-    shared: EqualRisk
-    total: TotalRisk | None = None
-    curve: HazardCurve | None = None
-    reached: float = 0.0
-
-    def expected(self, clearance: float) -> float:
-        """Rice's number of crossings."""
-        return self.phase.expected(self.shared.at(clearance).tolist())
-
-    def lag(self, clearance: float) -> float:
-        """By how much, as a share, the hazard of what moves may be too large at a clearance."""
-        gap = self.phase.gaps[0]
-        return lag_of_hazard(self.expected, clearance, gap.model, gap.sweep_rate)
-
-    def simulated(self, run: Run) -> AnyPair:
-        """The same from first crossings of all gaps together, or pieces of their motion."""
-        if self.phase.in_pieces:
-            curve = self._of_pieces(run)
-            return replace(self, curve=curve, reached=curve.reached)
-        together = self.phase.gaps[0].together
-        rows = np.full((2, *self.shared.places.shape), math.inf)
-        for gap in self.phase.gaps:
-            far = FAR * gap.sigma
-            for side in gap.sides:
-                distances = self.shared.places[:, gap.number] - side * gap.shift
-                rows[int(side > 0.0), :, gap.number] = np.where(
-                    distances < far, distances, math.inf
-                )
-        found: FirstCrossings = partial_result(together.crossings, *rows, self.phase.duration, run)
-        chances = found.probability(self.phase.duration)
-        return replace(
-            self, total=TotalRisk.of(self.shared.hazards[::-1], chances[::-1]),
-            reached=largest_error(found, self.phase.duration),
-        )  # fmt: skip
-
-    def _of_pieces(self, run: Run) -> HazardCurve:
-        """The hazard by pieces of the motion."""
-        gaps, duration = self.phase.gaps, self.phase.duration
-        pieces = gaps[0].pieces
-        assert pieces is not None
-        places = np.linspace(0.0, FARTHEST_PLACE * self.shared.places.max(), PLACES)[1:]
-        clearances = np.array([self.shared.at(each) for each in places])
-        rows = np.stack([gap.distances(clearances[:, gap.number]) for gap in gaps], axis=2)
-        kind = windows_over(pieces, places, rows, duration, run.seed)
-        most, least = (float(each) for each in self.shared.hazards[[0, -1]])
-        return hazard_curve(kind, most / RANGE, duration, run, most / least)
-
-    def hazard(self, clearance: float) -> Hazard:
-        """-ln(1 - P) at a clearance, and half its 95 % interval; beyond those that were looked at,
-        the ratio to Rice's number is held constant."""
-        if self.curve is not None:
-            return self.curve.hazard(clearance)
-        if self.total is None:
-            return Hazard(self.expected(clearance))
-        held = self.shared.held(clearance)
-        known = self.total.at(self.shared.hazard(held))
-        value, upper = (-math.log1p(-min(each, KNOWN)) for each in (known.value, known.upper))
-        ratio = 1.0 if held == clearance else self.expected(clearance) / self.expected(held)
-        return Hazard.within(ratio * value, ratio * (upper - value))
-
-
-def any_pair(
-    phases: Mapping[str, PhaseOfPairs], busy: Mapping[str, float], shared: EqualRisk, run: Run
-) -> dict[str, HazardOfStops]:
-    """The hazard that any pair is hit, of each phase."""
-    found: dict[str, HazardOfStops] = {}
-    known = {name: AnyPair(phase, shared) for name, phase in phases.items()}
-    found.update(known)
-    for name, part in parts_of_mission(run, busy):
-        found[name] = known[name].simulated(part)
-    return found
 
 
 # ------------------------------------------------------------------------------
@@ -533,7 +417,7 @@ def any_pair(
 # Phases are independent and each starts in its own stationary motion, so that their hazards -ln(1 -
 # P) add up. The hazard of a pair in a phase follows from its own curve of risk. Several pairs share
 # the risk equally, and first crossings of all gaps together give the hazard that any is hit
-# (`PhaseOfPairs`). A phase whose crossings by Rice's formula do not matter has no curve. Stops stay
+# (`EqualRisk`). A phase whose crossings by Rice's formula do not matter has no curve. Stops stay
 # where they are while the mount of a phase is softer or carries another load: a phase that hangs
 # lower has uneven distances.
 # ------------------------------------------------------------------------------
@@ -574,32 +458,46 @@ def size_mission(
             ["nothing may differ between units where the scene has phases, got "
              f"{differing[0]}; size one phase, named as FILE.toml#PHASE"],
         )  # fmt: skip
-    phases = {phase.name: PhaseOfPairs.of(phase, scene) for phase in scene.phases}
+    phases = {phase.name: PhaseMotion.of(phase, scene) for phase in scene.phases}
     hazard = -math.log1p(-target.value)
     names = [each.name for each in model_of(as_stated(scene)).pairs] or ["stops"]
-    gaps = [[phase.gaps[number] for phase in phases.values()] for number in range(len(names))]
-    loudest = [max(gap.sigma for gap in each) for each in gaps]
-    if still := unshaken(dict(zip(names, loudest, strict=True))):
+    loudest = np.max([phase.sigma for phase in phases.values()], axis=0)
+    if still := unshaken(dict(zip(names, loudest.tolist(), strict=True))):
         raise NotApplicable("size", still)
-    guesses = [_guess(each, hazard) for each in gaps]
-    felt = _felt(phases, {name: phase.expected(guesses) for name, phase in phases.items()})
+    gaps = [
+        {name: HazardInPhase.alone(phase, pair) for name, phase in phases.items()}
+        for pair in range(len(names))
+    ]
+    guesses = [_guess(pair, each, hazard) for pair, each in enumerate(gaps)]
+    felt = _felt(
+        {name: phase.expected(np.array(guesses)) for name, phase in phases.items()}, phases
+    )
+    felt_by_pair = [
+        _felt({name: gap.expected(guess) for name, gap in each.items()}, phases)
+        for each, guess in zip(gaps, guesses, strict=True)
+    ]
     busy = {name: phases[name].duration for name in felt}
     several, steps = len(names) > 1, steps_of_bands(scene.phases)
     late = run.deadline.share(SHARE_OF_CURVES) if several else run.deadline
     first = run.part(0.0, SHARE_OF_CURVES if several else 1.0, deadline=late)
     for name, part in parts_of_mission(first, busy):
-        phases[name] = phases[name].simulated(target, part, _gaps_felt(phases, name, guesses))
-    alone = [
-        Joint({name: phase.gaps[k] for name, phase in phases.items()}, steps)
-        for k in range(len(names))
-    ]
+        asked = [pair for pair, each in enumerate(felt_by_pair) if name in each]
+        for done, pair in enumerate(asked):
+            share = part.deadline.share(1.0 / (len(asked) - done))
+            own = part.part(done / len(asked), (done + 1.0) / len(asked), deadline=share)
+            gaps[pair][name] = _simulated(gaps[pair][name], pair, target, own)
+    alone = [Joint(each, steps) for each in gaps]
     joint, guess, widest = alone[0], guesses[0], 0
     at: Callable[[float], Vector] = np.atleast_1d
     if several:
         shared = EqualRisk.around(hazard, alone, guesses, [names.index(each) for each in common])
         widest, at = shared.widest, shared.at
-        joint = Joint(any_pair(phases, busy, shared, run.part(SHARE_OF_CURVES, 1.0)), steps)
-        guess = float(np.median(shared.places[:, widest]))
+        together = {
+            name: HazardInPhase(phase=phase, clearances=at) for name, phase in phases.items()
+        }
+        for name, part in parts_of_mission(run.part(SHARE_OF_CURVES, 1.0), busy):
+            together[name] = _together(together[name], shared, hazard, part)
+        joint, guess = Joint(together, steps), float(np.median(shared.of_widest))
     clearance = joint.clearance(hazard, guess)
     ends = np.transpose([at(each) for each in (clearance.value, clearance.lower, clearance.upper)])
     needed = {
@@ -619,7 +517,7 @@ def size_mission(
             *([INDEPENDENT] if len(phases) > 1 else []),
             *spoken_lags({name: each.scene for name, each in phases.items()}, scene.phases),
             *([FOLLOWED] if any(each.scene.random_level for each in phases.values()) else []),
-            *([IN_PIECES] if any(each.in_pieces for each in phases.values()) else []),
+            *([IN_PIECES] if any(each.pieces is not None for each in phases.values()) else []),
             *(f"phase {name} adds less than {_limit(share)} to the risk; Rice's formula bounds it"
               for name, share in idle.items()),
             *(
@@ -638,6 +536,24 @@ def size_mission(
     )  # fmt: skip
 
 
+def _simulated(own: HazardInPhase, pair: int, target: Target, run: Run) -> HazardInPhase:
+    """The hazard of a pair in a phase, as if it alone had stops."""
+    phase, motion = own.phase, own.phase.motion.motions[pair]
+    if phase.pieces is not None:
+        places = np.array([0.0, FARTHEST * motion.deviations[0]])
+        return own.in_pieces(places, -math.log1p(-target.value), run)
+    levels = levels_of_gap(motion, target, phase.level_time)
+    return own.simulated(levels + abs(phase.shifts[pair]), run)
+
+
+def _together(whole: HazardInPhase, shared: EqualRisk, hazard: float, run: Run) -> HazardInPhase:
+    """The hazard of any pair in a phase."""
+    if whole.phase.pieces is None:
+        return whole.simulated(shared.of_widest, run)
+    places = np.linspace(0.0, FARTHEST_PLACE * shared.places.max(), PLACES)[1:]
+    return whole.in_pieces(places, hazard, run, shared.depth)
+
+
 def _limit(share: float) -> str:
     """A limit of a small share with one digit, in per cent."""
     digit = 10.0 ** math.floor(math.log10(max(share, TINY)))
@@ -649,7 +565,7 @@ TINY = 1e-12
 
 
 def _table(
-    phases: Mapping[str, PhaseOfPairs], joint: Joint, place: float, widest: int,
+    phases: Mapping[str, PhaseMotion], joint: Joint, place: float, widest: int,
     needed: Mapping[str, float],
 ) -> DataFrame:  # fmt: skip
     """The table of `MissionSizing.phases` at a clearance of the widest gap, with the one that a
@@ -658,23 +574,23 @@ def _table(
     rows = []
     for name, phase in phases.items():
         own = joint.phases[name].hazard(place).value
-        gap = phase.gaps[widest]
         rows.append(
-            {"phase": name, "duration": phase.duration, "displacement_std": gap.sigma,
-             "shift": gap.shift, "probability": -math.expm1(-own), "share": own / total,
+            {"phase": name, "duration": phase.duration,
+             "displacement_std": float(phase.sigma[widest]),
+             "shift": float(phase.shifts[widest]),
+             "probability": -math.expm1(-own), "share": own / total,
              "clearance": needed.get(name, math.nan)}
         )  # fmt: skip
     return frame_of(rows)
 
 
-def _guess(gaps: Sequence[GapInPhase], hazard: float) -> float:
-    """The clearance of a pair with these gaps in the phases that is crossed so often in the
-    mission, by Rice's formula."""
-    nearest = max(abs(gap.shift) for gap in gaps)
-    step = FARTHEST_SIZED * max(gap.sigma for gap in gaps)
+def _guess(pair: int, gaps: Mapping[str, HazardInPhase], hazard: float) -> float:
+    """The clearance of a pair that is crossed so often in the mission, by Rice's formula."""
+    nearest = max(abs(float(gap.phase.shifts[pair])) for gap in gaps.values())
+    step = FARTHEST_SIZED * max(float(gap.phase.sigma[pair]) for gap in gaps.values())
 
     def excess(place: float) -> float:
-        return sum(gap.expected(place) for gap in gaps) - hazard
+        return sum(gap.expected(place) for gap in gaps.values()) - hazard
 
     farthest = nearest + step
     while excess(farthest) > 0.0:
@@ -682,24 +598,13 @@ def _guess(gaps: Sequence[GapInPhase], hazard: float) -> float:
     return float(scipy.optimize.brentq(excess, nearest, farthest))
 
 
-def _felt(phases: Mapping[str, PhaseOfPairs], expected: Mapping[str, float]) -> list[str]:
+def _felt(expected: Mapping[str, float], phases: Mapping[str, PhaseMotion]) -> list[str]:
     """The phases whose expected crossings matter; they are not known under fast peaks."""
     most = max(expected.values())
     return [
         name
         for name, each in expected.items()
-        if each > NEGLIGIBLE * most or phases[name].in_pieces
-    ]
-
-
-def _gaps_felt(
-    phases: Mapping[str, PhaseOfPairs], phase: str, guesses: Sequence[float]
-) -> list[bool]:
-    """Whether the crossings of each gap in a phase matter beside those in the other phases."""
-    return [
-        phase
-        in _felt(phases, {name: each.gaps[number].expected(guess) for name, each in phases.items()})
-        for number, guess in enumerate(guesses)
+        if each > NEGLIGIBLE * most or phases[name].pieces is not None
     ]
 
 

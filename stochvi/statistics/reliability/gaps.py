@@ -24,7 +24,7 @@ from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, spoken_percent
 from stochvi.statistics.crossings import memory_of, own_distances, pressed_pairs
-from stochvi.statistics.mission_parts import CERTAIN
+from stochvi.statistics.hazards import CERTAIN
 from stochvi.statistics.reliability.choice import Findings
 from stochvi.statistics.reliability.missions import BOUND, Chance, GapRisk, crossings_of
 

@@ -43,12 +43,10 @@ from stochvi.sampling.run import Run
 from stochvi.scenes.phases import Phase, steps_of_bands
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.hardness import HardestImpact, hardness_of
+from stochvi.statistics.hazards import CERTAIN, Hazard, joined
 from stochvi.statistics.mission_parts import (
-    CERTAIN,
-    Hazard,
     asked_in_parts,
     complete,
-    joined,
     said_of_parts,
     said_of_phases,
 )
@@ -320,7 +318,7 @@ class Reliability(Result):
 #
 #     P = 1 - (1 - P_1) (1 - P_2) ...
 #
-# The interval is made of the hazards -ln(1 - P_k), whose sum it is (`mission_parts.joined`).
+# The interval is made of the hazards -ln(1 - P_k), whose sum it is (`hazards.joined`).
 # ------------------------------------------------------------------------------
 
 
