@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from stochvi.mathematics.numerics import Booleans, Matrix, Vector, Whole
 from stochvi.mathematics.units import TIME
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.modal import Aloft, ModalPlan, plan_modal
+from stochvi.methods.monte_carlo.modal import Aloft, Flight, ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.methods.periodic.attracted import (
     PERIODIC,
@@ -669,7 +669,7 @@ class DepartureSampler(Sampler[Group, Departures]):
 
     def advance(self, number: int, group: Group, deadline: Deadline) -> Group:
         """Simulate a group on, and look at its paths now and then."""
-        flight = self.plan.flight(group.at, self.seed, number * GROUP)
+        flight = Flight(self.plan, group.at, self.seed, number * GROUP)
         group = replace(group, until=group.looks + self.looks)
         while not (group.whole or deadline.passed()):
             motion = flight.on(self.steps)

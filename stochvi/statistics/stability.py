@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.mathematics.spectra import square_root
 from stochvi.mathematics.units import RATE
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.modal import Aloft, ModalPlan, plan_modal
+from stochvi.methods.monte_carlo.modal import INDEPENDENT, Aloft, Flight, ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.model.coverage import functions_of_arrays, linear_system
 from stochvi.model.coverage import growth as growth_of_moments
@@ -261,8 +262,9 @@ class GrowthSampler(Sampler[NDArray[np.float64], NDArray[np.float64]]):
         weights = np.concatenate([frequencies, np.ones(n)])
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(self.seed), first_path, streams)
-        state, total = ModalPlan.start(plan, streams), np.zeros(paths)
-        path = plan.flight(Aloft(state, streams, state[: 2 * n]), self.seed, first_path)
+        root = square_root(plan.law.covariance, INDEPENDENT)
+        state, total = plan.start(streams, root), np.zeros(paths)
+        path = Flight(plan, Aloft(state, streams, state[: 2 * n]), self.seed, first_path)
         before, counted = self.rounds
         for number in range(before + counted):
             if number == before:

@@ -73,7 +73,7 @@ def still(
 
 def fly(x: float, v: float, steps: int, plan: Any, flown: Flown) -> tuple[float, float]:
     """Displacement and velocity after some steps, without noise."""
-    state, sums = np.array([[x], [v]]), np.zeros((plan._rows_of_sums, 1))
+    state, sums = np.array([[x], [v]]), np.zeros((plan.rows_of_sums, 1))
     paths = plan.paths_of(state, np.ones((2, 1), np.uint64), sums)
     paths.peaks[0, 0] = flown.peaks
     plan._advance(paths, Steps(0, steps, steps))

@@ -32,9 +32,9 @@ from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_tables import (
     _block_length,
-    _streams,
     plan_modal_tables,
     seconds_of_plan,
+    streams_of_block,
 )
 from stochvi.methods.monte_carlo.plan import (
     RELAXATIONS,
@@ -826,7 +826,7 @@ class GapResponse:
     ) -> NDArray[np.float64]:
         """(paths, samples, 2 gaps): each of the chosen gaps (m) and its rate (m/s), in turn."""
         waves, scale = self.amplitudes[:, chosen], self.fastest
-        streams = _streams(seed, first_path, paths, 0)
+        streams = streams_of_block(seed, first_path, paths, 0)
         free = synthesised(waves, streams, self.samples, self.block_length, scale)
         found = np.empty((paths, self.samples, 2 * len(chosen)))
         found[:, :, 0::2] = free.real.transpose(2, 0, 1)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stochvi.engine.arithmetic import NO_RECORD, Log
 from stochvi.engine.borrowed import lent
-from stochvi.engine.calls import Characteristics, Statistics, Stops, functions_of, stops_of
+from stochvi.engine.calls import Characteristics, Stops, functions_of, stops_of
 from stochvi.engine.compliant_contacts import MOST_SWEEPS
 from stochvi.engine.parts import Affine, rate
 from stochvi.engine.sub_steps import (
@@ -30,6 +30,7 @@ from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import square_root, step_covariance, transition
 from stochvi.methods.monte_carlo.kernels.modes import (
     Kicks,
+    Largest,
     ModalPaths,
     ModalSteps,
     Outputs,
@@ -41,15 +42,15 @@ from stochvi.methods.monte_carlo.kernels.modes import (
     make_room,
     run_modes,
 )
-from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows
+from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.methods.monte_carlo.plan import (
     RELAXATIONS,
+    SUMS_OF_PAIR,
     Histories,
     Key,
     Layout,
-    Records,
+    Plan,
     Statistic,
-    SteppedPlan,
     Underway,
     bias_of_fast_impacts,
     bias_of_lasting_contact,
@@ -151,11 +152,6 @@ LONGEST_SAMPLE = 1.6
 """Largest omega of a sine times the time between two samples of the moments (rad): at half a
 period its square would be sampled at one phase."""
 
-SUMS_OF_PAIR = tuple(f"{what}_{side}" for side in ("lower", "upper") for what in ("n", "f1", "f2"))
-"""Names of the sums over the impacts of a pair: their number n, the sum f1 of the impact speeds and
-the sum f2 of their squares, at either stop. There are ROWS_OF_PAIR of them."""
-
-
 SUMS_OF_PART = ("impulse", "virial", "work")
 """Names of the sums of a spring or damper that is a function, by `kick_all` of its kernel: the
 force that the linear structure leaves out, that times the displacement, and its work."""
@@ -189,12 +185,15 @@ RUBBING = "rubbing"
 """Name of the power that friction at the stops of a pair takes beyond their restitution, per unit
 of the reduced mass, m^2/s^3."""
 
+Which = tuple[int, int, int]
+"""Seed, first path and number of paths that are simulated together."""
+
 NO_OUTPUTS = Outputs()
 """The outputs of a kernel that adds up alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModalPlan(SteppedPlan):
+class ModalPlan(Plan):
     """Steps, start and lengths for a scene of any structure without tabulated noise (SI units).
 
     Steps that are `merged` take the noise of two steps of half their length.
@@ -224,10 +223,29 @@ class ModalPlan(SteppedPlan):
         alone = not (len(modes.signals) or modes.branches or model.functions or self.merged)
         return modes.size == 1 and modes.kicked and alone
 
-    def white_noise(self, seed: int, first_path: int, paths: int) -> Matrix:
-        """White noise (steps, paths) per unit mass, as the mean over the step after each sample."""
-        drawn = normals_of_steps(seed, first_path, paths, self.steps, None)
-        return math.sqrt(float(self.modes.white[0, 0]) / self.model.unit_mass / self.step) * drawn
+    def excitation(self, which: Which, free: NDArray[np.float64] | None, samples: int) -> Matrix:
+        """The excitation of `Histories`, per unit mass: white noise as the mean over the step after
+        each sample."""
+        drawn = normals_of_steps(*which, self.steps, None)[self.settling :][:samples]
+        size = math.sqrt(float(self.modes.white[0, 0]) / self.model.unit_mass / self.step)
+        return np.ascontiguousarray((size * drawn).T)
+
+    # Noise: white noise and signals act in kicks and states --------------------------------------
+
+    @property
+    def counted_of_block(self) -> int:
+        """Counted steps of a path in a block of its noise."""
+        return self.steps
+
+    def streams(self, seed: int, first_path: int, paths: int) -> NDArray[np.uint64]:
+        """Random streams (2, paths) of kicks and states."""
+        return streams_of(seed, first_path, paths)
+
+    def free_response(
+        self, seed: int, first_path: int, paths: int, number: int
+    ) -> NDArray[np.float64] | None:
+        """The motion without stops that is synthesised for block `number`; none."""
+        return None
 
     @property
     def contacts(self) -> bool:
@@ -473,72 +491,56 @@ class ModalPlan(SteppedPlan):
                 f"step must be at most {longest:.3g} s where there are stops, got {step:g} s"
             )
 
-    def averages(
-        self, seed: int, first_path: int, paths: int, record: Matrix | None = None,
-        log: Log | None = None, accelerations: Matrix | None = None,
-    ) -> Matrix:  # fmt: skip
-        """Time averages (rows of `layout`, paths) of the paths first_path, first_path + 1, ...; a
-        `log` gets every impact, and `accelerations` see `ModalTablesPlan.follow`."""
-        underway = self.begin(seed, first_path, paths, record, log, accelerations)
-        underway.reach(underway.total)
-        return underway.averages()
-
     def begin(
         self, seed: int, first_path: int, paths: int, record: Matrix | None = None,
         log: Log | None = None, accelerations: Matrix | None = None,
-    ) -> Underway:  # fmt: skip
-        """The same paths before their first step."""
-        return ModalUnderway(self, seed, first_path, paths, record, log)
+    ) -> ModalUnderway:  # fmt: skip
+        """The paths of `averages` before their first step."""
+        return ModalUnderway(self, seed, first_path, paths, record, log, accelerations)
+
+    @cached_property
+    def _rows(self) -> dict[str, slice]:
+        """Rows of the sums of a kernel, by what they hold."""
+        ends = np.cumsum([0, *self._heights.values()]).tolist()
+        return dict(zip(self._heights, map(slice, ends, ends[1:]), strict=True))
 
     @property
-    def _rows_of_pairs(self) -> slice:
-        """Rows of the sums of a kernel that belong to pairs; moments stand before them, those of
-        the accelerations after them."""
-        n = self.modes.size
-        first = n + n * (n + 1)
-        return slice(first, first + len(self.sums_of_pair) * len(self.model.pairs))
+    def _heights(self) -> dict[str, int]:
+        """Number of rows by what they hold, in the order of the kernel: moments, pairs, motions
+        along stops, moments of accelerations, functions, statistics, three products of noise of
+        each crossing of modes, and moments and passages of the motion without stops."""
+        n, of_pair = self.modes.size, len(self.sums_of_pair)
+        return {
+            "moments": n * (n + 2),
+            "pairs": of_pair * len(self.model.pairs),
+            "friction": of_pair * len(self._rubbed),
+            "pulls": 0 if self._pulls is None else n * (n + 3) // 2,
+            "parts": len(SUMS_OF_PART) * len(self.model.functions),
+            "statistics": len(self.statistics),
+            "noise": 3 * len(self._crossed) if self.kicked else 0,
+            "free": 0,
+            "passages": 0,
+        }
 
     @property
-    def _rows_of_friction(self) -> slice:
-        """Rows of the sums of a kernel that belong to motions along stops, after those of pairs."""
-        first = self._rows_of_pairs.stop
-        return slice(first, first + len(self.sums_of_pair) * len(self._rubbed))
-
-    @property
-    def _rows_of_sums(self) -> int:
+    def rows_of_sums(self) -> int:
         """Number of rows of the sums of a kernel, without those from which controls are made."""
-        n = self.modes.size
-        more = 0 if self._pulls is None else n + n * (n + 1) // 2
-        of_parts = len(SUMS_OF_PART) * len(self.model.functions)
-        return int(self._rows_of_friction.stop) + more + of_parts + len(self.statistics)
+        return int(self._rows["statistics"].stop)
 
     @property
-    def _rows_of_parts(self) -> slice:
-        """Rows of the sums of a kernel that belong to springs and dampers that are functions."""
-        last = self._rows_of_sums - len(self.statistics)
-        return slice(last - len(SUMS_OF_PART) * len(self.model.functions), last)
-
-    @property
-    def _rows_of_noise(self) -> slice:
-        """Rows of the sums of a kernel with products of noise, three of each crossing of modes;
-        they stand after all others that a plan without tables has."""
-        crossings = len(self._crossed) if self.modes.kicked else 0
-        return slice(self._rows_of_sums, self._rows_of_sums + 3 * crossings)
-
-    @property
-    def _rows_with_controls(self) -> int:
-        """Number of rows of the sums of a kernel, with those from which controls are made."""
-        return int(self._rows_of_noise.stop)
+    def rows_with_controls(self) -> int:
+        """Number of rows of the sums of a kernel."""
+        return sum(self._heights.values())
 
     def _averaged(self, sums: Matrix, samples: int, steps: int) -> Matrix:
         """Averages over the samples of moments, per second of what pairs add up, and over the steps
         of products of noise."""
-        found = sums / samples
-        of_pairs = self.of_pairs(sums).reshape(-1, sums.shape[1])
-        found[self._rows_of_pairs] = of_pairs / (steps * self.step)
-        found[self._rows_of_friction] = sums[self._rows_of_friction] / (steps * self.step)
-        found[self._rows_of_parts] = sums[self._rows_of_parts] / (steps * self.step)
-        found[self._rows_of_noise] = sums[self._rows_of_noise] / steps
+        found, rows = sums.copy(), self._rows
+        found[rows["pairs"]] = self.of_pairs(sums).reshape(-1, sums.shape[1])
+        counts = dict.fromkeys(("pairs", "friction", "parts", "passages"), steps * self.step)
+        counts["noise"] = steps
+        for what, own in rows.items():
+            found[own] /= counts.get(what, samples)
         return found
 
     def _control_rows(self, averages: Matrix) -> Matrix:
@@ -555,7 +557,7 @@ class ModalPlan(SteppedPlan):
         first, second = crossed.T
         decay, brought = self._whole_kick
         products = np.zeros((3, n, n, paths))
-        rows = averages[self._rows_of_noise].reshape(len(crossed), 3, paths)
+        rows = averages[self._rows["noise"]].reshape(len(crossed), 3, paths)
         products[:, first, second] = rows.swapaxes(0, 1)
         places, speeds, squares = products
         speeds = np.einsum("ij,jkp->ikp", decay, speeds)
@@ -580,12 +582,14 @@ class ModalPlan(SteppedPlan):
 
     def _advance(
         self, paths: ModalPaths, steps: Steps, outputs: Outputs = NO_OUTPUTS,
-        tables: SmoothResponse | None = None,
+        free: NDArray[np.float64] | None = None,
     ) -> None:  # fmt: skip
         """Simulate the paths on, and add the counted steps to their sums."""
+        tables = None if free is None else self.smooth(free)
         structure, fastest = self._kernel_constants, self._fastest_of_contacts
         laws = functions_of(self._stops[1], lanes=True)
-        outputs = outputs._replace(statistics=self._statistics)
+        averaged = statistics_of(self.statistics, self.model, self._half_kick)
+        outputs = outputs._replace(statistics=averaged)
         kicks = self._kicks
         room = make_room(paths, structure, laws, tables, kicks, outputs, fastest)
         run_modes(
@@ -593,11 +597,6 @@ class ModalPlan(SteppedPlan):
             lent(outputs), lent(room), stop_flag(),
         )  # fmt: skip
         check_flag()
-
-    @property
-    def _statistics(self) -> Statistics:
-        """Functions of the motion that are averaged, for the kernel."""
-        return statistics_of(self.statistics, self.model, self._half_kick)
 
     def counts(self, state: Matrix, streams: NDArray[np.uint64], steps: int) -> NDArray[np.float64]:
         """Simulate the paths on for `steps` steps: impacts of each pair on its stops (pairs, 2,
@@ -610,14 +609,18 @@ class ModalPlan(SteppedPlan):
             :, [self.sums_of_pair.index("n_lower"), self.sums_of_pair.index("n_upper")]
         ]
 
-    def fly(self, state: Matrix, streams: NDArray[np.uint64], steps: int) -> ModalPaths:
-        """Simulate the paths on for `steps` steps, which the sums of the kernel hold.
+    def fly(
+        self, state: Matrix, streams: NDArray[np.uint64], steps: int,
+        free: NDArray[np.float64] | None = None,
+    ) -> ModalPaths:  # fmt: skip
+        """Simulate the paths on for `steps` steps, which the sums of the kernel hold, with a motion
+        without stops (see `follow`) if there is one.
 
         `state` (states, paths) and `streams` (2, paths) are replaced by those at the end.
         """
-        sums = np.zeros((self._rows_of_sums, state.shape[1]))
+        sums = np.zeros((self.rows_of_sums, state.shape[1]))
         paths = self.paths_of(state, streams, sums)
-        self._advance(paths, Steps(0, steps, steps))
+        self._advance(paths, Steps(0, steps, steps), free=free)
         return paths
 
     def fly_until(
@@ -643,7 +646,7 @@ class ModalPlan(SteppedPlan):
             np.empty_like(state), np.empty_like(streams), np.zeros(count, np.int64),
             np.zeros(count), np.zeros(count), np.zeros(count, bool),
         )  # fmt: skip
-        paths = self.paths_of(state, streams, np.zeros((self._rows_of_sums, count)))
+        paths = self.paths_of(state, streams, np.zeros((self.rows_of_sums, count)))
         last = int(np.max(most))
         self._advance(paths, Steps(0, last, last), NO_OUTPUTS._replace(until=end))
         return end
@@ -667,14 +670,10 @@ class ModalPlan(SteppedPlan):
         """The plan with a whole number of steps in a period, s, at about the same step."""
         return self.with_step(period / math.ceil(period / self.step))
 
-    def flight(self, at: Aloft, seed: int, first_path: int) -> Flight:
-        """Paths first_path, first_path + 1, ... that go on from where they are."""
-        return Flight(self, at)
-
     def of_pairs(self, sums: Matrix) -> NDArray[np.float64]:
         """The sums of a kernel that belong to pairs, (pairs, sums_of_pair, paths); stops that are
         hit at once share theirs."""
-        hits = sums[self._rows_of_pairs]
+        hits = sums[self._rows["pairs"]]
         found: NDArray[np.float64] = hits.reshape(
             len(self.model.pairs), len(self.sums_of_pair), sums.shape[1]
         )
@@ -716,10 +715,6 @@ class ModalPlan(SteppedPlan):
         alone = {name.partition(" of ")[0]: column for name, column in found.items()}
         return {**alone, "impact_speed": alone.get("impact_speed", np.zeros(len(record)))}
 
-    def record_size(self, samples: int) -> int:
-        """Numbers that the record of one path takes."""
-        return self.record_width * (samples + self.settling)
-
     def histories(
         self, seed: int, first_path: int, paths: int, samples: int, log: Log | None = None
     ) -> Histories:
@@ -736,19 +731,22 @@ class ModalPlan(SteppedPlan):
             impact_speed=np.ascontiguousarray(
                 kept[:, :, 2 * n : 2 * n + len(self.model.pairs)].transpose(2, 1, 0)
             ),
-            excitation=underway.excitation(samples) if self.excitation_known else None,
+            excitation=(
+                self.excitation(underway.which, underway.free, samples)
+                if self.excitation_known
+                else None
+            ),
             lost=losses_of(self.model, self.layout, underway.averages(), self.steps * self.step),
         )
 
     def drive(self, seed: int, path: int, samples: int, integrals: int) -> Matrix | None:
-        """Forces of sines (coordinates, samples), N; those of other noise are not kept."""
-        streams = streams_of(seed, path, 1)
-        if self.excitation_known and not integrals:
-            kept = slice(self.settling, self.settling + samples)
-            return self.model.unit_mass * self.white_noise(seed, path, 1)[kept].T
+        """Forces of white noise that alone moves one mode, or of sines (coordinates, samples), N;
+        those of other noise are not kept."""
+        if self.kicked and self.excitation_known and not integrals:
+            return self.model.unit_mass * self.excitation((seed, path, 1), None, samples)
         if self._unknown_noise:
             return None
-        return self._sines(self.start(streams), self.settling, samples, integrals)
+        return self._sines(self.start(self.streams(seed, path, 1)), samples, integrals)
 
     @property
     def _unknown_noise(self) -> bool:
@@ -756,18 +754,113 @@ class ModalPlan(SteppedPlan):
         known = len(self.model.sines) == len(self.model.signals) and not self.model.drives
         return self.modes.kicked or not known
 
-    def _sines(self, state: Matrix, before: int, samples: int, integrals: int) -> Matrix:
+    def _sines(self, state: Matrix, samples: int, integrals: int) -> Matrix:
         """Forces of the sines (coordinates, samples), N, of a path that starts in `state`.
 
-        The first sample is the end of the step after the first `before` steps.
+        The first sample is the end of the first step after the burn-in.
         """
-        time = self.step * (before + 1 + np.arange(samples))
+        time = self.step * (self.burn_in_steps + 1 + np.arange(samples))
         force = np.zeros((self.modes.size, samples))
         for (first, omega, _), signal in zip(self.modes.sines, self.model.sines, strict=True):
             value, rate = state[self.modes.moving + first :][:2, 0]
             wave = (value - 1j * rate) / (1j * omega) ** integrals * np.exp(1j * omega * time)
             force += signal.direction[:, None] * wave.real
         return force
+
+    # A motion without stops that is given, to which kicks, states and stops add -------------------
+
+    @property
+    def scale(self) -> float:
+        """Frequency in rad/s by which given velocities are divided."""
+        return max(self.modes.fastest, 1.0 / self.burn_in)
+
+    def follow(
+        self, free: NDArray[np.float64], log: Log | None,
+        accelerations: NDArray[np.float64] | None = None,
+        burn_in: int = 0, counted: int | None = None, record: NDArray[np.float64] = NO_RECORD,
+        seed: int | None = None,
+    ) -> NDArray[np.float64]:  # fmt: skip
+        """What the stops make of paths whose motion without stops is given: the sums of all pairs,
+        (pairs, sums_of_pair, paths).
+
+        Parameters
+        ----------
+        free
+            (samples, modes, 2 paths), modal displacements and velocities over `scale`, in turn.
+            First come the samples that count, then the one from which paths begin, then those of
+            the burn-in.
+        log
+            Gets every impact that counts, at its time since the sample before the first; None for
+            none.
+        accelerations
+            (paths, outputs), zeros that become the largest absolute accelerations of the outputs of
+            the model while a compliant stop is touched, m/s^2; None for none.
+        burn_in, counted
+            Number of samples that do not count, and of those that do, by default all others.
+        record
+            Zeros (samples that count, paths, record_width), which get the states of each.
+        seed
+            Seed of restitutions that scatter; None where none do.
+        """
+        paths = free.shape[2] // 2
+        state, streams = np.zeros((self.states, paths)), np.zeros((2, paths), np.uint64)
+        if seed is not None:
+            seed_streams(np.uint64(seed), 0, streams)
+        sums = np.zeros((self.rows_of_sums, paths))
+        steps = len(free) - 1 - burn_in if counted is None else counted
+        outputs = Outputs(record, log, self.largest(accelerations))
+        underway = self.paths_of(state, streams, sums)
+        self._advance(underway, Steps(-burn_in, steps, steps), outputs, free)
+        return self.of_pairs(sums)
+
+    def smooth(self, free: NDArray[np.float64]) -> SmoothResponse:
+        """A motion without stops, for the kernel."""
+        gaps, speeds = self._tables_of_gaps
+        return SmoothResponse(
+            samples=free, scale=self.scale, gaps=gaps, speeds=speeds, half_kick=self._to_middle
+        )
+
+    @cached_property
+    def gaps_of_samples(self) -> Matrix:
+        """Rows (pairs, modes and modulations) of the gaps, as a stop that moves sees them."""
+        n, sampled = self.modes.size, len(self.model.sampled_modulations)
+        found = np.hstack([self._ways, np.zeros((len(self._ways), sampled))])
+        for row, pair in zip(found, self.model.pairs, strict=False):
+            for each in pair.moved:
+                if each.sample is not None:
+                    row[n + each.sample] -= each.way
+        return found
+
+    @cached_property
+    def _tables_of_gaps(self) -> tuple[Table, Table]:
+        """Gaps and their rates, from values and slopes of the modes, then of the modulations."""
+        modes, others = np.split(self.gaps_of_samples, [self.modes.size], axis=1)
+        gaps = np.hstack([modes, np.zeros_like(modes), others, np.zeros_like(others)])
+        speeds = np.hstack([np.zeros_like(modes), modes, np.zeros_like(others), others])
+        return _table(gaps), _table(speeds)
+
+    @cached_property
+    def _to_middle(self) -> Table:
+        """Velocities in the middle of the kick, from states before it."""
+        n = self.modes.size
+        return _table(np.hstack([np.zeros((n, n)), self._kick(self.step / 2.0)[0]]))
+
+    def largest(self, accelerations: NDArray[np.float64] | None) -> Largest | None:
+        """Largest accelerations of the outputs, for the kernel; NotApplicable where they are not
+        known: under kicks, or where something other than the base moves."""
+        if accelerations is None:
+            return None
+        if self.kicked or self._pulls is None:
+            raise NotApplicable("accelerations", ["need a structure that the base alone moves"])
+        rows = np.ascontiguousarray(self.model.output_rows @ self.modes.shapes)
+        return Largest(rows=rows, table=accelerations)
+
+    def motion_of(self, free: NDArray[np.float64] | None, sample: int) -> Matrix | float:
+        """Displacements and velocities (2 modes, paths) of a sample of a motion without stops."""
+        if free is None:
+            return 0.0
+        own = free[sample, : self.modes.size]
+        return np.vstack([own[:, 0::2], self.scale * own[:, 1::2]])
 
     @property
     def record_width(self) -> int:
@@ -806,19 +899,17 @@ class ModalPlan(SteppedPlan):
         )
         relative = [pair.relative for pair in self.model.pairs]
         rows[gaps] = _mean_squares(self.modes.gaps[relative], sums[:n], displacements, velocities)
-        hits = sums[self._rows_of_pairs]
-        functions = sums[self._rows_of_parts.start : self._rows_of_sums]
-        rubbed = sums[self._rows_of_friction]
-        rubbed = rubbed.reshape(len(self._rubbed), len(self.sums_of_pair), paths)
+        of = {what: sums[own] for what, own in self._rows.items()}
+        rubbed = of["friction"].reshape(len(self._rubbed), len(self.sums_of_pair), paths)
         rubbed = rubbed[:, 0] + rubbed[:, 3]  # at the lower and at the upper stop
-        last = gaps.stop + len(hits) + len(rubbed) + len(functions)
-        rows[gaps.stop : last] = np.concatenate([hits, rubbed, functions])
+        counted = np.concatenate([of["pairs"], rubbed, of["parts"], of["statistics"]])
+        last = gaps.stop + len(counted)
+        rows[gaps.stop : last] = counted
         if self._pulls is not None:
-            pulled = sums[self._rows_of_friction.stop : self._rows_of_parts.start]
-            squares = _symmetric(pulled[n:], n)
+            squares = _symmetric(of["pulls"][n:], n)
             noise = self.modes.damping @ brought
             squares += _product(noise, noise.T)[:, :, None]
-            means, squares = _product(shapes, pulled[:n]), _squares(shapes, squares)
+            means, squares = _product(shapes, of["pulls"][:n]), _squares(shapes, squares)
             rows[last::2], rows[last + 1 :: 2] = means, squares
         return np.concatenate([rows, self._control_rows(sums)])
 
@@ -840,16 +931,25 @@ class ModalPlan(SteppedPlan):
         brought = step_covariance(-modes.damping, modes.white, h)
         return transition(-modes.damping, h), square_root(brought, INDEPENDENT)
 
+    def _kicked(self, flow: Matrix) -> Matrix:
+        """What the kick of a step makes of all states, without its noise."""
+        n, kicked = self.modes.size, np.eye(len(flow))
+        kicked[n : 2 * n, n : 2 * n] = self._whole_kick[0]
+        return kicked
+
+    def _grown(self, flow: Matrix, h: float) -> Matrix:
+        """What the flow makes of all states in a time h, s, by way of their own units."""
+        size = self._size
+        grown: Matrix = size[:, None] * transition(flow * size / size[:, None], h) / size
+        return grown
+
     @cached_property
     def _kernel_constants(self) -> ModalSteps:
         modes, h = self.modes, self.step
         n, flow = modes.size, self.modes.flow
         motion = slice(n, 2 * n)
-        decay, brought = self._whole_kick
-        size = self._size
-        grown = size[:, None] * transition(flow * size / size[:, None], h) / size
-        kicked = np.eye(len(flow))
-        kicked[motion, motion] = decay
+        _, brought = self._whole_kick
+        grown, kicked = self._grown(flow, h), self._kicked(flow)
         drawn = np.hstack([grown[:, motion] @ brought, self._signal_noise(flow, h)])
         speed_drawn = np.zeros((n, drawn.shape[1]))
         speed_drawn[:, : brought.shape[1]] = brought
@@ -935,10 +1035,7 @@ class ModalPlan(SteppedPlan):
             _, brought = self._kick(h)
             signals = self._signal_noise(flow, h)
             if self.merged and number == 0:
-                size = self._size
-                signals = (
-                    size[:, None] * transition(flow * size / size[:, None], h) / size @ signals
-                )
+                signals = self._grown(flow, h) @ signals
             parts += [np.zeros((len(flow), brought.shape[1])), signals]
         return np.hstack(parts)
 
@@ -950,9 +1047,7 @@ class ModalPlan(SteppedPlan):
             return None
         flow = modes.flow
         n, motion = modes.size, slice(modes.size, 2 * modes.size)
-        decay, brought = self._whole_kick
-        kicked = np.eye(len(flow))
-        kicked[motion, motion] = decay
+        _, brought = self._whole_kick
         speeds = np.hstack([brought, np.zeros((n, self._signal_noise(flow, self.step).shape[1]))])
         if self.merged:
             _, speeds = self._merged_noise(np.eye(len(flow)), flow)
@@ -973,7 +1068,7 @@ class ModalPlan(SteppedPlan):
             rows, rows * masses, rows @ modes.rest, memories,
         )  # fmt: skip
         return Kicks(
-            known, np.array(sampled, np.int64), _table(self._with_memories(kicked)),
+            known, np.array(sampled, np.int64), _table(self._with_memories(self._kicked(flow))),
             _table(self._with_drawn_memories(drawn, half=0)),
         )  # fmt: skip
 
@@ -985,13 +1080,12 @@ class ModalPlan(SteppedPlan):
         """
         n, half = self.modes.size, self.step / 2.0
         decay, brought = self._kick(half)
-        signals, size = self._signal_noise(flow, half), self._size
-        half_grown = size[:, None] * transition(flow * size / size[:, None], half) / size
+        signals = self._signal_noise(flow, half)
         quiet = np.zeros((n, signals.shape[1]))
         speeds = np.hstack([decay @ brought, quiet, brought, quiet])
         states = grown[:, n : 2 * n] @ speeds
         kicks = np.zeros((len(grown), brought.shape[1]))
-        states += np.hstack([kicks, half_grown @ signals, kicks, signals])
+        states += np.hstack([kicks, self._grown(flow, half) @ signals, kicks, signals])
         return states, speeds
 
     def _signal_noise(self, flow: Matrix, h: float) -> Matrix:
@@ -1110,15 +1204,15 @@ class ModalPlan(SteppedPlan):
         """A square root of the covariance of the linear law."""
         return square_root(self.law.covariance, INDEPENDENT)
 
-    def start(self, streams: NDArray[np.uint64]) -> Matrix:
+    def start(self, streams: NDArray[np.uint64], root: Matrix | None = None) -> Matrix:
         """Independent draws of the linear law, moved between the stops, which is close to
-        stationary."""
+        stationary; `root` is another square root of its covariance."""
         modes, law = self.modes, self.law
         paths, states = streams.shape[1], len(law.covariance)
         rows = -(-states // 2) + len(modes.sines)
         first, second = np.empty((2, rows, paths))
         normal_rows(streams[0], streams[1], first, second)
-        root = self._root
+        root = self._root if root is None else root
         state = _product(root, np.concatenate([first, second])[: root.shape[1]])
         for number, wave in enumerate(law.waves):
             turn = np.exp(1j * np.arctan2(first[-1 - number], second[-1 - number]))
@@ -1148,34 +1242,44 @@ class ModalPlan(SteppedPlan):
 
 
 class ModalUnderway(Underway):
-    """Paths of a `ModalPlan` under way; see `ModalPlan.averages`."""
+    """Paths of a `ModalPlan` under way, a block of noise after the other."""
 
     def __init__(
         self, plan: ModalPlan, seed: int, first_path: int, paths: int,
-        record: Matrix | None = None, log: Log | None = None,
+        record: Matrix | None = None, log: Log | None = None, accelerations: Matrix | None = None,
     ) -> None:  # fmt: skip
-        burn_in = 0 if record is not None else plan._burn_in_steps
-        super().__init__(burn_in + plan.steps, 1, burn_in)
-        streams = streams_of(seed, first_path, paths)
-        sums = np.zeros((plan._rows_with_controls, paths))
-        self.plan, self.paths = plan, plan.paths_of(plan.start(streams), streams, sums)
-        self.outputs = Outputs(NO_RECORD if record is None else record, log)
-        self.first = seed, first_path, paths
-
-    def excitation(self, samples: int) -> Records:
-        """The excitation of `Histories`."""
-        kept = slice(self.plan.settling, self.plan.settling + samples)
-        return np.ascontiguousarray(self.plan.white_noise(*self.first)[kept].T)
+        self.each = plan.counted_of_block
+        # where histories leave out the burn-in, it is recorded
+        burn_in = plan.burn_in_steps - (0 if record is None else plan.settling)
+        super().__init__(burn_in + self.each, plan.steps // self.each, burn_in)
+        self.plan, self.which = plan, (seed, first_path, paths)
+        self.outputs = Outputs(NO_RECORD, log, plan.largest(accelerations))
+        self.record = NO_RECORD if record is None else record
+        self.streams = plan.streams(*self.which)
+        self.state = plan.start(self.streams)
+        self.sums, self.of_block = np.zeros((2, plan.rows_with_controls, paths))
 
     def advance(self, segment: int, first: int, last: int) -> None:
-        """Make the steps first, first + 1, ... before `last`."""
-        steps = Steps(first - self.burn_in, last - self.burn_in, self.plan._stride)
-        self.plan._advance(self.paths, steps, self.outputs)
+        """Make the steps first, first + 1, ... before `last` of a block."""
+        plan, before = self.plan, segment * self.each
+        if first == 0:
+            self.sums += self.of_block
+            self.of_block[:] = 0.0
+            self.free = plan.free_response(*self.which, segment)
+            if self.free is not None:
+                start = self.free[-1 - self.burn_in, :, 0::2]
+                self.state = plan.between_stops(self.state, _product(plan.gaps_of_samples, start))
+            self.paths = plan.paths_of(self.state, self.streams, self.of_block)
+        log = self.outputs.log and self.outputs.log._replace(start=before * plan.step)
+        outputs = self.outputs._replace(record=self.record[before : before + self.each], log=log)
+        steps = Steps(first - self.burn_in, last - self.burn_in, plan._stride)
+        plan._advance(self.paths, steps, outputs, self.free)
 
     def averages(self) -> Matrix:
         """Time averages over the counted steps so far."""
-        plan, samples = self.plan, math.ceil(self.counted / self.plan._stride)
-        return plan._physical(plan._averaged(self.paths.sums, samples, self.counted))
+        plan, (whole, part) = self.plan, divmod(self.counted, self.each)
+        samples = whole * math.ceil(self.each / plan._stride) + math.ceil(part / plan._stride)
+        return plan._physical(plan._averaged(self.sums + self.of_block, samples, self.counted))
 
 
 def plan_modal(
@@ -1422,13 +1526,17 @@ class Aloft(NamedTuple):
 
 
 class Flight:
-    """Paths that are simulated on from a motion of their own, piece by piece."""
+    """Paths first_path, first_path + 1, ... of a plan that go on from a motion of their own, piece
+    by piece, each in noise of its own."""
 
-    def __init__(self, plan: ModalPlan, at: Aloft) -> None:
+    def __init__(self, plan: ModalPlan, at: Aloft, seed: int, first_path: int) -> None:
         self.plan, self.motion, self.blocks, self.sample = plan, at.motion, at.blocks, at.sample
         self.state, self.streams = at.state.copy(), at.streams.copy()
-        if not at.blocks:
-            self.state[: len(at.motion)] = at.motion
+        self.which = seed, first_path, at.state.shape[1]
+        if at.blocks:
+            self.free = plan.free_response(*self.which, at.blocks - 1)
+        else:
+            self._enter_block()
 
     @property
     def at(self) -> Aloft:
@@ -1437,14 +1545,27 @@ class Flight:
 
     def on(self, steps: int) -> Matrix:
         """Displacements and velocities of the modes (2 modes, paths) after so many more steps."""
-        self.plan.fly(self.state, self.streams, steps)
-        self.motion = self.state[: len(self.motion)]
+        if self.free is not None and self.sample + steps > len(self.free):
+            self._enter_block()
+        first, self.sample = self.sample, self.sample + steps
+        around = self.free
+        if around is not None:
+            around = np.concatenate([around[first : self.sample], around[first - 1 : first]])
+        self.plan.fly(self.state, self.streams, steps, around)
+        synthesised = self.plan.motion_of(self.free, self.sample - 1)
+        self.motion = self.state[: len(self.motion)] + synthesised
         return self.motion
 
     def scale(self, factors: Vector) -> None:
         """Multiply the motion of each path by a factor."""
         self.state[: len(self.motion)] *= factors
         self.motion = self.motion * factors
+
+    def _enter_block(self) -> None:
+        """Pass into the next block of noise without a jump."""
+        self.free, self.sample = self.plan.free_response(*self.which, self.blocks), 1
+        self.blocks += 1
+        self.state[: len(self.motion)] = self.motion - self.plan.motion_of(self.free, 0)
 
 
 def _second_moments(sums: Matrix, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -12,7 +12,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from stochvi.engine.arithmetic import NO_RECORD, Log
 from stochvi.mathematics.numerics import Matrix, Vector, Waves
 from stochvi.mathematics.spectra import (
     beyond,
@@ -21,28 +20,20 @@ from stochvi.mathematics.spectra import (
     covariance,
     damping_at,
     eigenvalues,
-)
-from stochvi.methods.monte_carlo.kernels.modes import (
-    Largest,
-    Outputs,
-    SmoothResponse,
-    Steps,
-    Table,
+    square_root,
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import (
-    Aloft,
-    Flight,
+    INDEPENDENT,
     ModalPlan,
-    _product,
+    Which,
     _second_moments,
     _squares,
-    _table,
     basis,
     check_stiffness,
     rate_of_contact,
 )
-from stochvi.methods.monte_carlo.plan import Key, Underway, gap_of
+from stochvi.methods.monte_carlo.plan import Key, gap_of
 from stochvi.methods.monte_carlo.synthesis import (
     BIN_ERROR,
     BLOCK_RELAXATIONS,
@@ -136,9 +127,9 @@ class ModalTablesPlan(ModalPlan):
         return 1 << (max(1, min(LARGEST_BLOCK, room)).bit_length() - 1)
 
     @property
-    def _counted_of_block(self) -> int:
+    def counted_of_block(self) -> int:
         # a level jumps before the sample from which the warm-up begins
-        most = self.samples - (1 + self._burn_in_steps if self.model.level is not None else 0)
+        most = self.samples - (1 + self.burn_in_steps if self.model.level is not None else 0)
         return max(1, min(most, round(self.duration / self.blocks / self.step)))
 
     @property
@@ -149,16 +140,16 @@ class ModalTablesPlan(ModalPlan):
     @property
     def steps(self) -> int:
         """Counted samples of a path."""
-        return self._counted_of_block * self.blocks
+        return self.counted_of_block * self.blocks
 
     @property
-    def _burn_in_steps(self) -> int:
+    def burn_in_steps(self) -> int:
         return min(self.samples - 1, math.ceil(self.burn_in / self.step))
 
     @property
     def steps_per_path(self) -> int:
         """Number of samples of a path, warm-up included."""
-        return self.steps + self._burn_in_steps * self.blocks
+        return self.steps + self.burn_in_steps * self.blocks
 
     def with_step(self, step: float) -> Self:
         """Paths at a chosen sampling interval, s; bins that both plans have keep their
@@ -209,42 +200,28 @@ class ModalTablesPlan(ModalPlan):
             burn_in=self.step, duration=2.0 * self.step,
         )  # fmt: skip
 
-    def begin(
-        self, seed: int, first_path: int, paths: int, record: Matrix | None = None,
-        log: Log | None = None, accelerations: Matrix | None = None,
-    ) -> Underway:  # fmt: skip
-        """The same paths before their first sample; `accelerations` see `follow`."""
-        return ModalTablesUnderway(self, seed, first_path, paths, record, log, accelerations)
-
     @property
     def excitation_known(self) -> bool:
         """Whether histories hold the excitation: that of one mass which is synthesised as a
         whole."""
         return self.modes.size == 1 and not (self._unknown_noise or self.modes.sines)
 
+    def excitation(self, which: Which, free: NDArray[np.float64] | None, samples: int) -> Matrix:
+        """Force on one mass over that mass in the last block, (paths, samples)."""
+        assert free is not None
+        return np.asarray(self.modes.shapes[0, 0] * self._forces_of(free)[:, :samples, 0])
+
     def cut(self, steps: int) -> Self:
         """The plan whose paths end after so many counted samples."""
-        blocks = math.ceil(steps / self._counted_of_block)
+        blocks = math.ceil(steps / self.counted_of_block)
         return replace(self, duration=steps * self.step, blocks=blocks)
 
     @property
-    def _rows_of_passages(self) -> slice:
-        """Rows of the sums of a kernel with the passages of the gaps without stops, after the
-        moments of that motion: three of the lower stop of each pair, three of the upper one."""
+    def _heights(self) -> dict[str, int]:
+        """Number of rows by what they hold; those of passages are three of the lower stop of each
+        pair, and three of the upper one."""
         n = self.modes.size
-        first = self._rows_of_noise.stop + n + n * (n + 1)
-        return slice(first, first + 6 * len(self._ways))
-
-    @property
-    def _rows_with_controls(self) -> int:
-        """Number of rows of the sums of a kernel, with those from which controls are made."""
-        return int(self._rows_of_passages.stop)
-
-    def _averaged(self, sums: Matrix, samples: int, steps: int) -> Matrix:
-        """Averages over the samples of moments, and per second of what pairs add up."""
-        found, passages = super()._averaged(sums, samples, steps), self._rows_of_passages
-        found[passages] = sums[passages] / (steps * self.step)
-        return found
+        return super()._heights | {"free": n * (n + 2), "passages": 6 * len(self._ways)}
 
     @property
     def _controls(self) -> dict[Key, float]:
@@ -295,9 +272,9 @@ class ModalTablesPlan(ModalPlan):
 
     def _control_rows(self, averages: Matrix) -> Matrix:
         """The rows of `_controls` (rows, paths), from the averages of a kernel."""
-        free = averages[self._rows_of_noise.stop :]
+        free, passages = (averages[self._rows[what]] for what in ("free", "passages"))
         displacements, velocities = _second_moments(free, self.modes.size)
-        passages = averages[self._rows_of_passages].reshape(-1, 2, 3, averages.shape[1])
+        passages = passages.reshape(-1, 2, 3, averages.shape[1])
         of_pair = dict(zip(self.model.pairs, passages, strict=False))
         rows = [super()._control_rows(averages)]
         for _, row, pair in self._followed:
@@ -306,31 +283,6 @@ class ModalTablesPlan(ModalPlan):
             if pair is not None:
                 rows += [of_pair[pair][int(stop.side == UPPER)] for stop in pair.stops]
         return np.concatenate(rows)
-
-    def fly_on(
-        self, state: Matrix, streams: NDArray[np.uint64], free: NDArray[np.float64], first: int,
-        steps: int,
-    ) -> Matrix:  # fmt: skip
-        """Simulate the paths on over the samples first, first + 1, ... of a free response, first at
-        least 1: displacements and velocities of the modes at the end (2 modes, paths).
-
-        `state` (states, paths), to whose displacements and velocities the free response is added,
-        and `streams` (2, paths) are replaced by those at the end.
-        """
-        window = np.concatenate([free[first : first + steps], free[first - 1 : first]])
-        sums = np.zeros((self._rows_of_sums, state.shape[1]))
-        paths = self.paths_of(state, streams, sums)
-        self._advance(paths, Steps(0, steps, steps), tables=self._smooth(window))
-        return state[: 2 * self.modes.size] + self.motion_of(free[first + steps - 1])
-
-    def motion_of(self, sample: Matrix) -> Matrix:
-        """Displacements and velocities (2 modes, paths) of one sample of a free response."""
-        own = sample[: self.modes.size]
-        return np.vstack([own[:, 0::2], self.scale * own[:, 1::2]])
-
-    def flight(self, at: Aloft, seed: int, first_path: int) -> Flight:
-        """Paths first_path, first_path + 1, ... that go on, each in blocks of its own noise."""
-        return SynthesisedFlight(self, at, seed, first_path)
 
     def at_whole_periods(self, period: float) -> Self:
         """The plan with blocks of whole periods, s, of a whole number of samples each, at about the
@@ -342,96 +294,14 @@ class ModalTablesPlan(ModalPlan):
             self, block_length=periods * period, samples=periods * samples, step=period / samples
         )
 
-    def follow(
-        self, free: NDArray[np.float64], log: Log | None,
-        accelerations: NDArray[np.float64] | None = None,
-        burn_in: int = 0, counted: int | None = None, record: NDArray[np.float64] = NO_RECORD,
-        seed: int | None = None,
-    ) -> NDArray[np.float64]:  # fmt: skip
-        """What the stops make of paths whose motion without stops is given: the sums of all pairs,
-        (pairs, sums_of_pair, paths).
-
-        Parameters
-        ----------
-        free
-            (samples, modes, 2 paths), modal displacements and velocities over `scale`, in turn.
-            First come the samples that count, then the one from which paths begin, then those of
-            the burn-in.
-        log
-            Gets every impact that counts, at its time since the sample before the first; None for
-            none.
-        accelerations
-            (paths, outputs), zeros that become the largest absolute accelerations of the outputs of
-            the model while a compliant stop is touched, m/s^2; None for none.
-        burn_in, counted
-            Number of samples that do not count, and of those that do, by default all others.
-        record
-            Zeros (samples that count, paths, record_width), which get the states of each.
-        seed
-            Seed of restitutions that scatter; None where none do.
-        """
-        paths = free.shape[2] // 2
-        state, streams = np.zeros((self.states, paths)), np.zeros((2, paths), np.uint64)
-        if seed is not None:
-            seed_streams(np.uint64(seed), 0, streams)
-        sums = np.zeros((self._rows_of_sums, paths))
-        steps = len(free) - 1 - burn_in if counted is None else counted
-        outputs = Outputs(record, log, self._largest(accelerations))
-        underway = self.paths_of(state, streams, sums)
-        self._advance(underway, Steps(-burn_in, steps, steps), outputs, self._smooth(free))
-        return self.of_pairs(sums)
-
-    def _smooth(self, free: NDArray[np.float64]) -> SmoothResponse:
-        """A motion without stops, for the kernel."""
-        gaps, speeds = self._tables_of_gaps
-        return SmoothResponse(
-            samples=free, scale=self.scale, gaps=gaps, speeds=speeds, half_kick=self._to_middle
-        )
-
-    @cached_property
-    def _gaps_of_samples(self) -> Matrix:
-        """Rows (pairs, modes and modulations) of the gaps, as a stop that moves sees them."""
-        n, sampled = self.modes.size, len(self.model.sampled_modulations)
-        found = np.hstack([self._ways, np.zeros((len(self._ways), sampled))])
-        for row, pair in zip(found, self.model.pairs, strict=False):
-            for each in pair.moved:
-                if each.sample is not None:
-                    row[n + each.sample] -= each.way
-        return found
-
-    @cached_property
-    def _tables_of_gaps(self) -> tuple[Table, Table]:
-        """Gaps and their rates, from values and slopes of the modes, then of the modulations."""
-        modes, others = np.split(self._gaps_of_samples, [self.modes.size], axis=1)
-        gaps = np.hstack([modes, np.zeros_like(modes), others, np.zeros_like(others)])
-        speeds = np.hstack([np.zeros_like(modes), modes, np.zeros_like(others), others])
-        return _table(gaps), _table(speeds)
-
-    @cached_property
-    def _to_middle(self) -> Table:
-        """Velocities in the middle of the kick, from states before it."""
-        n = self.modes.size
-        return _table(np.hstack([np.zeros((n, n)), self._kick(self.step / 2.0)[0]]))
-
-    def _largest(self, accelerations: NDArray[np.float64] | None) -> Largest | None:
-        """Largest accelerations of the outputs, for the kernel; NotApplicable where they are not
-        known: under kicks, or where something other than the base moves."""
-        if accelerations is None:
-            return None
-        if self.kicked or self._pulls is None:
-            raise NotApplicable("accelerations", ["need a structure that the base alone moves"])
-        rows = np.ascontiguousarray(self.model.output_rows @ self.modes.shapes)
-        return Largest(rows=rows, table=accelerations)
-
     def drive(self, seed: int, path: int, samples: int, integrals: int) -> Matrix | None:
         """Forces of tables and sines (coordinates, samples), N; of other noise they are not
         kept."""
-        if self._unknown_noise:
+        of_sines = super().drive(seed, path, samples, integrals)
+        if of_sines is None:
             return None
         (force,) = self._forces_of(self.free_response(seed, path, 1, 0), integrals)
-        found = self.model.mass @ self.modes.shapes @ force[:samples].T
-        start = self.start(_streams(seed, path, 1, MOST_BLOCKS - 1))
-        return np.asarray(found + self._sines(start, self._burn_in_steps, samples, integrals))
+        return np.asarray(self.model.mass @ self.modes.shapes @ force[:samples].T + of_sines)
 
     def _forces_of(self, free: NDArray[np.float64], integrals: int = 0) -> NDArray[np.float64]:
         """Modal forces (paths, samples, modes) that move a free response, integrated over time:
@@ -450,20 +320,14 @@ class ModalTablesPlan(ModalPlan):
         forces[:, 1:] /= (1j * w) ** integrals
         return np.asarray(scipy.fft.irfft(forces, self.samples, axis=1))
 
-    def start(self, streams: NDArray[np.uint64]) -> Matrix:
-        """Draw the initial states of the signals. Displacements and velocities begin at zero, since
-        the synthesised response is added to them."""
-        own = replace(self, law=self.law._replace(covariance=self._own_covariance))
-        return ModalPlan.start(own, streams)
-
-    @property
-    def _own_covariance(self) -> Matrix:
-        """Covariance of the signals' own states; that of all others is zero."""
-        first = self.modes.moving
-        inner = self.law.covariance.copy()
-        inner[:first, :first] = 0.0
-        inner[:first, first:] = inner[first:, :first] = 0.0
-        return inner
+    @cached_property
+    def _root(self) -> Matrix:
+        """A square root of the covariance of the signals alone: the synthesised response is added
+        to displacements and velocities, which begin at zero."""
+        first, covariance = self.modes.moving, np.zeros_like(self.law.covariance)
+        covariance[first:, first:] = self.law.covariance[first:, first:]
+        root: Matrix = square_root(covariance, INDEPENDENT)
+        return root
 
     @cached_property
     def _half_kick(self) -> tuple[Matrix, Matrix]:
@@ -504,13 +368,18 @@ class ModalTablesPlan(ModalPlan):
             found[:, modes + k, tables + k] = np.sqrt(variances)
         return found
 
+    def streams(self, seed: int, first_path: int, paths: int) -> NDArray[np.uint64]:
+        """Random streams (2, paths) of kicks and states, the last of each path: no block reaches
+        them."""
+        return streams_of_block(seed, first_path, paths, MOST_BLOCKS - 1)
+
     def free_response(
         self, seed: int, first_path: int, paths: int, number: int
     ) -> NDArray[np.float64]:
         """Modal displacements and velocities over `scale`, in turn, without stops, of block
         `number` of each path, and behind them the modulations that are tabulated noise: (samples,
         modes and modulations, 2 paths)."""
-        streams = _streams(seed, first_path, paths, number)
+        streams = streams_of_block(seed, first_path, paths, number)
         free = synthesised(
             self._all_amplitudes, streams, self.samples, self.block_length, self.scale
         )
@@ -518,7 +387,7 @@ class ModalTablesPlan(ModalPlan):
         if self.model.level is not None:
             gains = levels_of_block(
                 self.model.level, seed, first_path, paths, number,
-                samples=self.samples, step=self.step, before=self._burn_in_steps + 1,
+                samples=self.samples, step=self.step, before=self.burn_in_steps + 1,
             )  # fmt: skip
             moved[:] = self._modulated(moved, gains)
         if self.model.drawn:
@@ -585,91 +454,13 @@ class ModalTablesPlan(ModalPlan):
         return np.asarray(squares - w**2 * np.eye(len(squares)) + 1j * w * damping)
 
 
-class ModalTablesUnderway(Underway):
-    """Paths of a `ModalTablesPlan` under way, a block after the other; see
-    `ModalTablesPlan.averages`."""
-
-    def __init__(
-        self, plan: ModalTablesPlan, seed: int, first_path: int, paths: int,
-        record: Matrix | None = None, log: Log | None = None, accelerations: Matrix | None = None,
-    ) -> None:  # fmt: skip
-        burn_in, self.each = plan._burn_in_steps, plan._counted_of_block
-        super().__init__(burn_in + self.each, plan.blocks, burn_in)
-        self.plan, self.which = plan, (seed, first_path, paths)
-        self.record, self.log, self.largest = record, log, plan._largest(accelerations)
-        # kicks and signals use the last stream of a path, which no block reaches
-        self.streams = _streams(seed, first_path, paths, MOST_BLOCKS - 1)
-        self.state = plan.start(self.streams)
-        self.sums = np.zeros((plan._rows_with_controls, paths))
-        self.of_block = np.zeros_like(self.sums)
-
-    def advance(self, segment: int, first: int, last: int) -> None:
-        """Simulate the samples first, first + 1, ... before `last` of a block."""
-        plan, before = self.plan, segment * self.each
-        if first == 0:
-            self.sums += self.of_block
-            self.of_block[:] = 0.0
-            self.free = plan.free_response(*self.which, segment)
-            start = self.free[plan.samples - self.burn_in - 1, :, 0::2]
-            self.state = plan.between_stops(self.state, _product(plan._gaps_of_samples, start))
-            self.paths = plan.paths_of(self.state, self.streams, self.of_block)
-        record = NO_RECORD if self.record is None else self.record[before : before + self.each]
-        log = self.log and self.log._replace(start=before * plan.step)
-        steps = Steps(first - self.burn_in, last - self.burn_in, plan._stride)
-        plan._advance(
-            self.paths, steps, Outputs(record, log, self.largest), plan._smooth(self.free)
-        )
-
-    def averages(self) -> Matrix:
-        """Time averages over the counted samples so far."""
-        plan, (whole, part) = self.plan, divmod(self.counted, self.each)
-        samples = whole * math.ceil(self.each / plan._stride) + math.ceil(part / plan._stride)
-        return plan._physical(plan._averaged(self.sums + self.of_block, samples, self.counted))
-
-    def excitation(self, samples: int) -> Matrix:
-        """Force on one mass over that mass in the last block, (paths, samples)."""
-        plan = self.plan
-        return np.asarray(plan.modes.shapes[0, 0] * plan._forces_of(self.free)[:, : self.each, 0])
-
-
-class SynthesisedFlight(Flight):
-    """Paths under way whose motion without stops is synthesised, a block after the other."""
-
-    plan: ModalTablesPlan
-
-    def __init__(self, plan: ModalTablesPlan, at: Aloft, seed: int, first_path: int) -> None:
-        super().__init__(plan, at)
-        self.seed, self.first_path = seed, first_path
-        self.free = self._block(self.blocks - 1) if self.blocks else self._next_block()
-
-    def on(self, steps: int) -> Matrix:
-        """Displacements and velocities of the modes (2 modes, paths) after so many more steps."""
-        if self.sample + steps > self.plan.samples:
-            self.free, self.sample = self._next_block(), 1
-        self.motion = self.plan.fly_on(self.state, self.streams, self.free, self.sample, steps)
-        self.sample += steps
-        return self.motion
-
-    def _next_block(self) -> NDArray[np.float64]:
-        """The motion without stops in the next block, into which the paths pass without a jump."""
-        free = self._block(self.blocks)
-        self.blocks += 1
-        self.state[: len(self.motion)] = self.motion - self.plan.motion_of(free[0])
-        return free
-
-    def _block(self, number: int) -> NDArray[np.float64]:
-        """The motion without stops in a block."""
-        paths = self.state.shape[1]
-        return self.plan.free_response(self.seed, self.first_path, paths, number)
-
-
 def _has_moments(pair: Pair | None) -> bool:
     """Whether the moments of a displacement are followed: those of the gap of one coordinate are
     those of the coordinate."""
     return pair is None or pair.relative
 
 
-def _streams(seed: int, first_path: int, paths: int, number: int) -> NDArray[np.uint64]:
+def streams_of_block(seed: int, first_path: int, paths: int, number: int) -> NDArray[np.uint64]:
     """The random stream `number` of each path, independent of the streams of other paths."""
     streams = np.empty((2, paths), np.uint64)
     seed_streams(seed, first_path * MOST_BLOCKS + number, streams, MOST_BLOCKS)

@@ -62,6 +62,10 @@ GOVERNED = (
 """Quantities of each coordinate and each impact pair whose errors `rel_error` governs."""
 
 
+SUMS_OF_PAIR = tuple(f"{what}_{side}" for side in ("lower", "upper") for what in ("n", "f1", "f2"))
+"""Names of the sums over the impacts of a pair: their number n, the sum f1 of the impact speeds and
+the sum f2 of their squares, at either stop. There are ROWS_OF_PAIR of them."""
+
 STATISTICS = "statistics"
 """Owner of the functions of the motion that are averaged."""
 
@@ -585,12 +589,25 @@ class Histories:
     lost: Records
 
 
+@dataclass(frozen=True, kw_only=True)
 class Plan(Protocol):
-    """Steps, start and lengths of the paths of one scene; SI units."""
+    """Steps, start and lengths of the paths of one scene; SI units.
 
-    @property
-    def model(self) -> Model:
-        """The model that is simulated."""
+    Bodies are those of a plan whose step may be chosen and whose records include the burn-in.
+
+    Parameters
+    ----------
+    model
+        The model that is simulated.
+    step, burn_in, duration
+        Time step or sampling interval, length of the burn-in, and counted length of a path after
+        it, s.
+    """
+
+    model: Model
+    step: float
+    burn_in: float
+    duration: float
 
     @property
     def method(self) -> str:
@@ -601,25 +618,9 @@ class Plan(Protocol):
         """Number of state variables of a path."""
 
     @property
-    def step(self) -> float:
-        """Time step or sampling interval, s."""
-
-    @property
-    def burn_in(self) -> float:
-        """Seconds of a path that are simulated before counting starts."""
-
-    @property
-    def duration(self) -> float:
-        """Counted seconds of a path."""
-
-    @property
     def block(self) -> int:
         """Number of paths that are simulated together: so many that the kernels reach their full
         speed and the arrays fit into the caches."""
-
-    @property
-    def steps_per_path(self) -> int:
-        """Number of steps of a path, burn-in included."""
 
     @property
     def elastic(self) -> bool:
@@ -639,36 +640,27 @@ class Plan(Protocol):
         which are not independent."""
 
     @property
+    def relaxation(self) -> float:
+        """Relaxation time of the energy including the losses at stops, s."""
+
+    @property
+    def speeds(self) -> tuple[float, ...]:
+        """Rms speed of the gap of each impact pair, or of one oscillator without a pair, m/s."""
+
+    @property
+    def kicked(self) -> bool:
+        """Whether there is white noise, which acts in kicks a step apart."""
+
+    @property
     def layout(self) -> Layout:
         """Meaning of the rows of `averages`."""
 
-    @property
-    def steps(self) -> int:
-        """Counted steps of a path."""
-
-    def averages(
-        self,
-        seed: int,
-        first_path: int,
-        paths: int,
-        record: Records | None = None,
-        *,
-        log: Log | None = None,
-    ) -> Records:
-        """Time averages (rows of `layout`, paths) of the paths first_path, first_path + 1, ...
-
-        A `record` gets the states of every step, a `log` every impact of the counted part.
-        """
-
-    def begin(self, seed: int, first_path: int, paths: int) -> Underway:
-        """The same paths before their first step, to be simulated piece by piece."""
-
-    def cut(self, steps: int) -> Self:
-        """The plan whose paths end after so many counted steps, of which there is at least one."""
+    # The step, and what it leaves as bias --------------------------------------------------------
 
     @property
     def relative_bias(self) -> float:
         """Relative bias of all quantities that does not depend on the step."""
+        return 0.0
 
     def step_bias(self, name: str, difference: float) -> float | None:
         """The bias that the step leaves in a quantity, from its difference to twice the step; None
@@ -683,43 +675,92 @@ class Plan(Protocol):
     def with_step(self, step: float) -> Self:
         """The plan at a chosen step, s; ValueError if it is too long to detect all impacts."""
 
+    # The length of paths -------------------------------------------------------------------------
+
+    @property
+    def steps(self) -> int:
+        """Counted steps of a path."""
+        return max(2, math.ceil(self.duration / self.step))
+
+    @property
+    def burn_in_steps(self) -> int:
+        """Steps of a path, or of each of its blocks, before counting starts."""
+        return math.ceil(self.burn_in / self.step)
+
+    @property
+    def steps_per_path(self) -> int:
+        """Number of steps of a path, burn-in included."""
+        return self.steps + self.burn_in_steps
+
+    def cut(self, steps: int) -> Self:
+        """The plan whose paths end after so many counted steps, of which there is at least one."""
+        return replace(self, duration=steps * self.step)
+
     def shortest(self, steps: int = 2) -> Self:
         """The plan with a few steps of the same kernels and hardly any burn-in: two are enough to
         compile them. A plan that synthesises paths has a few samples whatever `steps` is."""
+        return replace(self, burn_in=self.step, duration=steps * self.step)
+
+    def unbroken(self, duration: float) -> Self:
+        """The plan with paths of `duration` seconds whose counted part has no jumps: a path that is
+        synthesised in several blocks jumps between them."""
+        return self
+
+    # Averages ------------------------------------------------------------------------------------
+
+    def begin(
+        self, seed: int, first_path: int, paths: int, record: Records | None = None,
+        log: Log | None = None, accelerations: Records | None = None,
+    ) -> Underway:  # fmt: skip
+        """The paths of `averages` before their first step, to be simulated piece by piece."""
+
+    def averages(
+        self, seed: int, first_path: int, paths: int, record: Records | None = None,
+        log: Log | None = None, accelerations: Records | None = None,
+    ) -> Records:  # fmt: skip
+        """Time averages (rows of `layout`, paths) of the paths first_path, first_path + 1, ...
+
+        A `record` gets the states of every step, a `log` every impact of the counted part, and
+        `accelerations` the largest ones in contacts (`ModalPlan.follow`).
+        """
+        underway = self.begin(seed, first_path, paths, record, log, accelerations)
+        underway.reach(underway.total)
+        return underway.averages()
+
+    # Records -------------------------------------------------------------------------------------
 
     def record(self, seed: int, path: int) -> Mapping[str, Vector]:
         """One path from its start, without burn-in, by column: displacements, velocities and the
         incident speeds of impacts within the step that ends at each sample."""
 
-    @property
-    def relaxation(self) -> float:
-        """Relaxation time of the energy including the losses at stops, s."""
-
-    @property
-    def speeds(self) -> tuple[float, ...]:
-        """Rms speed of the gap of each impact pair, or of one oscillator without a pair, m/s."""
-
-    @property
-    def kicked(self) -> bool:
-        """Whether there is white noise, which acts in kicks a step apart."""
-
-    @property
-    def excitation_known(self) -> bool:
-        """Whether `histories` hold the excitation."""
-
     def sampled(self, step: float, duration: float) -> Self:
         """The plan for `histories` of `duration` seconds at a sampling interval of at most `step`,
         s."""
+        plan = self.with_step(min(step, self.step))
+        # a step more, since burn-in and duration are both rounded up to whole steps
+        steps = math.ceil((plan.burn_in + duration) / plan.step) + 1
+        return replace(plan, duration=steps * plan.step)
 
     @property
     def settling(self) -> int:
         """Number of samples at the beginning of a record that `histories` leave out."""
+        return self.burn_in_steps
 
     def history_samples(self, duration: float) -> int:
         """Number of samples of a history of `duration` seconds, for a plan from `sampled`."""
+        return max(2, math.ceil(duration / self.step))
+
+    @property
+    def record_width(self) -> int:
+        """Number of floats that are recorded per sample."""
 
     def record_size(self, samples: int) -> int:
         """Number of floats in the record of one path, from which a history of `samples` is made."""
+        return self.record_width * (samples + self.settling)
+
+    @property
+    def excitation_known(self) -> bool:
+        """Whether `histories` hold the excitation."""
 
     def histories(
         self, seed: int, first_path: int, paths: int, samples: int, log: Log | None = None
@@ -730,17 +771,13 @@ class Plan(Protocol):
         A `log` gets every impact; the first sample is at the time (settling + 1) * step of the log.
         """
 
-    def drive(self, seed: int, path: int, samples: int, integrals: int) -> Vector | None:
+    def drive(self, seed: int, path: int, samples: int, integrals: int) -> Records | None:
         """Forces (coordinates, samples) of noise and sines at the samples of `histories`, N,
         integrated over time `integrals` times.
 
         None where they are not known, or where the integral is not stationary. White noise is the
         mean over the next step.
         """
-
-    def unbroken(self, duration: float) -> Self:
-        """The plan with paths of `duration` seconds whose counted part has no jumps: a path that is
-        synthesised in several blocks jumps between them."""
 
 
 class Underway(ABC):
@@ -794,79 +831,6 @@ class Underway(ABC):
     def averages(self) -> Records:
         """Time averages over the counted steps so far, as `Plan.averages` gives them."""
 
-    def excitation(self, samples: int) -> Records:
-        """The excitation of `Histories`, of plans that know it."""
-        raise NotImplementedError
-
-
-@dataclass(frozen=True, kw_only=True)
-class SteppedPlan:
-    """Parts that those plans share whose step may be chosen and whose records include the burn-in.
-
-    Parameters
-    ----------
-    model
-        The model that is simulated.
-    step, burn_in, duration
-        Step, length of the burn-in, and counted length of a path after it, s.
-    """
-
-    model: Model
-    step: float
-    burn_in: float
-    duration: float
-
-    @property
-    def relative_bias(self) -> float:
-        """None but that of the step."""
-        return 0.0
-
-    @property
-    def steps(self) -> int:
-        """Counted steps of a path."""
-        return max(2, math.ceil(self.duration / self.step))
-
-    @property
-    def _burn_in_steps(self) -> int:
-        return math.ceil(self.burn_in / self.step)
-
-    @property
-    def steps_per_path(self) -> int:
-        """Number of steps of a path, burn-in included."""
-        return self.steps + self._burn_in_steps
-
-    @property
-    def settling(self) -> int:
-        """Recorded steps that a history leaves out."""
-        return self._burn_in_steps
-
-    def shortest(self, steps: int = 2) -> Self:
-        """The first steps: two are enough to have the kernels compiled."""
-        return replace(self, burn_in=self.step, duration=steps * self.step)
-
-    def with_step(self, step: float) -> Self:
-        """The plan at a chosen step, s."""
-        raise NotImplementedError
-
-    def sampled(self, step: float, duration: float) -> Self:
-        """The plan for histories at a step of at most `step`, that last `duration` seconds."""
-        plan = self.with_step(min(step, self.step))
-        # a step more, since burn-in and duration are both rounded up to whole steps
-        steps = math.ceil((plan.burn_in + duration) / plan.step) + 1
-        return replace(plan, duration=steps * plan.step)
-
-    def history_samples(self, duration: float) -> int:
-        """Number of samples of a history of `duration` seconds, at least 2."""
-        return max(2, math.ceil(duration / self.step))
-
-    def unbroken(self, duration: float) -> Self:
-        """The plan itself, as its paths do not jump."""
-        return self
-
-    def cut(self, steps: int) -> Self:
-        """The plan whose paths end after so many counted steps."""
-        return replace(self, duration=steps * self.step)
-
 
 def streams_of(seed: int, first_path: int, paths: int) -> NDArray[np.uint64]:
     """Random streams (2, paths) of the paths first_path, first_path + 1, ..."""
@@ -895,22 +859,6 @@ def normals_of_steps(
     return drawn[1 : steps + 1]
 
 
-def layout_of_one(
-    model: Model, origin: float, threshold: float, controls: Mapping[str, float]
-) -> Layout:
-    """Layout of one oscillator: moments of x from `origin`, sums over impacts, and controls by name
-    with their expected values."""
-    (name,) = model.coordinates
-    pair = model.pairs[0].name if model.pairs else ""
-    rows = [(name, "x"), (name, "xx"), (name, "vv")]
-    rows += [(pair, f"{sum_}_{side}") for side in ("lower", "upper") for sum_ in ("n", "f1", "f2")]
-    expected = {("", what): value for what, value in controls.items()}
-    return Layout(
-        rows=(*rows, *expected), origins={name: origin}, thresholds={pair: threshold},
-        controls=expected,
-    )  # fmt: skip
-
-
 def losses_of(model: Model, layout: Layout, averages: Records, duration: float) -> Records:
     """Energy that the lower and the upper stop of each pair take in a path, (pairs, 2, paths), J,
     from the averages over so many seconds; 0 where it follows from the speeds of impacts."""
@@ -922,27 +870,6 @@ def losses_of(model: Model, layout: Layout, averages: Records, duration: float) 
             if row is not None:
                 found[number, side] = pair.mass * duration * averages[row]
     return found
-
-
-def columns_of_one(model: Model, record: Records) -> dict[str, Vector]:
-    """Columns of one recorded path of one oscillator, (samples, 3) from the rest position."""
-    return {
-        "displacement": record[:, 0] + model.rest,
-        "velocity": record[:, 1],
-        "impact_speed": record[:, 2],
-    }
-
-
-def histories_of_one(
-    model: Model, record: Records, excitation: Records | None, lost: Records
-) -> Histories:
-    """Histories of one oscillator from records (samples, paths, 3), positions from the rest
-    position, the excitation (samples, paths), and `losses_of`."""
-    x, v, w = np.ascontiguousarray(record.transpose(2, 1, 0))[:, None]
-    known = None if excitation is None else np.ascontiguousarray(excitation.T)
-    return Histories(
-        displacement=x + model.rest, velocity=v, impact_speed=w, excitation=known, lost=lost
-    )
 
 
 # ------------------------------------------------------------------------------

@@ -36,17 +36,15 @@ from stochvi.methods.monte_carlo.kernels.random_numbers import (
 )
 from stochvi.methods.monte_carlo.plan import (
     RELAXATIONS,
+    SUMS_OF_PAIR,
     WELL_RESOLVED_RESTITUTION,
     Histories,
     Layout,
+    Plan,
     Records,
-    SteppedPlan,
     Underway,
     bias_of_plain_step,
     bias_of_refined_step,
-    columns_of_one,
-    histories_of_one,
-    layout_of_one,
     losses_of,
     lossiest,
     normals_of_steps,
@@ -144,7 +142,7 @@ that they hardly reduce the error."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class WhitePlan(SteppedPlan):
+class WhitePlan(Plan):
     """Steps, start and lengths for one scene under white noise (SI units, per unit mass).
 
     `corner_share` is the length of refined steps near a stop, in units of the time in which noise
@@ -160,6 +158,7 @@ class WhitePlan(SteppedPlan):
 
     states = 2
     kicked = True
+    record_width = 3
 
     @property
     def method(self) -> str:
@@ -191,9 +190,16 @@ class WhitePlan(SteppedPlan):
     @cached_property
     def layout(self) -> Layout:
         """Meaning of the rows of `averages`."""
+        (name,) = self.model.coordinates
+        pair = self.model.pairs[0].name if self.model.pairs else ""
+        rows = [(name, what) for what in ("x", "xx", "vv")]
+        rows += [(pair, what) for what in SUMS_OF_PAIR]
         # the noise of a step is independent of the state before it
-        noise = {"noise x": 0.0, "noise v": 0.0}
-        return layout_of_one(self.model, self.origin, self.threshold, noise)
+        controls = {("", "noise x"): 0.0, ("", "noise v"): 0.0}
+        return Layout(
+            rows=(*rows, *controls), origins={name: self.origin},
+            thresholds={pair: self.threshold}, controls=controls,
+        )  # fmt: skip
 
     @property
     def coarse_share(self) -> float:
@@ -210,25 +216,15 @@ class WhitePlan(SteppedPlan):
         """The bias that the step leaves in a quantity, from its difference to twice the step; None
         where that difference does not determine the bias (`step_bias`)."""
         if self.slow_impacts:
-            return bias_of_refined_step(name, difference, self._lossiest)
+            return bias_of_refined_step(name, difference, lossiest(self.model))
         # a load presses the mass on stops that take nearly all of its speed; the error of F2 then
         # falls more slowly than its order: at R = 0 the difference is a third of the bias
-        held = self._lossiest <= COLLAPSE_RESTITUTION and self.model.load != 0.0
+        held = lossiest(self.model) <= COLLAPSE_RESTITUTION and self.model.load != 0.0
         if held and name == "impact_speed_square_rate":
             return None
         usual_threshold = self.elastic or self.threshold >= RESOLVED_SPEED * self.speed
-        resolved = usual_threshold and not self._pressed
-        return bias_of_plain_step(name, difference, self._lossiest, resolved)
-
-    @property
-    def _lossiest(self) -> float:
-        """The smallest restitution of a stop, 1 where there is none."""
-        return lossiest(self.model)
-
-    @property
-    def _pressed(self) -> bool:
-        """Whether the rest position lies beyond a stop, so that the mass is pressed on it."""
-        return pressing(self.model) > 0.0
+        resolved = usual_threshold and pressing(self.model) == 0.0
+        return bias_of_plain_step(name, difference, lossiest(self.model), resolved)
 
     def coarser(self) -> Self:
         """The same paths at twice the step and with the same noise, to measure what the step leaves
@@ -241,8 +237,8 @@ class WhitePlan(SteppedPlan):
         Slow impacts are resolved where half the step would hardly reduce their bias, unless the
         mass leans on a stop and they are too many; else the step is halved.
         """
-        refinable = not (self.slow_impacts or self._pressed) and self.model.rigid
-        if self._lossiest < WELL_RESOLVED_RESTITUTION and refinable:
+        refinable = not (self.slow_impacts or pressing(self.model) > 0.0) and self.model.rigid
+        if lossiest(self.model) < WELL_RESOLVED_RESTITUTION and refinable:
             return replace(self, slow_impacts=True)
         return replace(self, step=self.step / 2.0)
 
@@ -277,24 +273,26 @@ class WhitePlan(SteppedPlan):
 
     def record(self, seed: int, path: int) -> dict[str, NDArray[np.float64]]:
         """One path from its start, by column."""
-        record = np.zeros((self.steps, 1, 3))
+        record = np.zeros((self.steps, 1, self.record_width))
         self.averages(seed, path, 1, record)
-        return columns_of_one(self.model, record[:, 0])
-
-    def record_size(self, samples: int) -> int:
-        """Numbers that the record of one path takes."""
-        return 3 * (samples + self.settling)
+        x, v, w = record[:, 0].T
+        return {"displacement": x + self.model.rest, "velocity": v, "impact_speed": w}
 
     def histories(
         self, seed: int, first_path: int, paths: int, samples: int, log: Log | None = None
     ) -> Histories:
         """Settled records of the paths first_path, first_path + 1, ..."""
         kept = slice(self.settling, self.settling + samples)
-        record = np.zeros((self.steps, paths, 3))
+        record = np.zeros((self.steps, paths, self.record_width))
         averages = self.averages(seed, first_path, paths, record, log)
-        known = self._kicks(seed, first_path, paths)[kept] if self.excitation_known else None
-        lost = losses_of(self.model, self.layout, averages, self.steps * self.step)
-        return histories_of_one(self.model, record[kept], known, lost)
+        x, v, w = np.ascontiguousarray(record[kept].transpose(2, 1, 0))[:, None]
+        known = None
+        if self.excitation_known:
+            known = np.ascontiguousarray(self._kicks(seed, first_path, paths)[kept].T)
+        return Histories(
+            displacement=x + self.model.rest, velocity=v, impact_speed=w, excitation=known,
+            lost=losses_of(self.model, self.layout, averages, self.steps * self.step),
+        )  # fmt: skip
 
     def drive(
         self, seed: int, path: int, samples: int, integrals: int
@@ -312,23 +310,12 @@ class WhitePlan(SteppedPlan):
         drawn = normals_of_steps(seed, first_path, paths, self.steps, earlier)
         return math.sqrt(self.model.intensity / self.step) * drawn
 
-    def averages(
-        self,
-        seed: int,
-        first_path: int,
-        paths: int,
-        record: NDArray[np.float64] | None = None,
-        log: Log | None = None,
-    ) -> NDArray[np.float64]:
-        """Time averages (rows, paths) of the paths first_path, first_path + 1, ..., with positions
-        from `origin`; a `log` gets every impact."""
-        underway = WhitePaths(self, seed, first_path, paths, record, log)
-        underway.reach(underway.total)
-        return underway.averages()
-
-    def begin(self, seed: int, first_path: int, paths: int) -> WhitePaths:
-        """The same paths before their first step."""
-        return WhitePaths(self, seed, first_path, paths)
+    def begin(
+        self, seed: int, first_path: int, paths: int, record: Records | None = None,
+        log: Log | None = None, accelerations: Records | None = None,
+    ) -> WhitePaths:  # fmt: skip
+        """The paths of `averages` before their first step; rigid stops have no `accelerations`."""
+        return WhitePaths(self, seed, first_path, paths, record, log)
 
     @property
     def _stride(self) -> int:
@@ -348,11 +335,6 @@ class WhitePlan(SteppedPlan):
         # of two kicks in a row the first one decays by the time of the second
         decay = math.sqrt(kick.decay)
         return kick._replace(earlier=decay / math.hypot(1.0, decay)) if self.merged else kick
-
-    @property
-    def _kept_at_start(self) -> tuple[float, float]:
-        """What a kernel keeps of a path before its first step: half a kick is owed to it."""
-        return 0.5 * self.step, 0.0
 
     def _kernel_constants(self) -> tuple[Any, ...]:
         model = self.model
@@ -442,13 +424,14 @@ class WhitePaths(Underway):
         self, plan: WhitePlan, seed: int, first_path: int, paths: int,
         record: Records | None = None, log: Log | None = None,
     ) -> None:  # fmt: skip
-        burn_in = 0 if record is not None else plan._burn_in_steps
+        burn_in = 0 if record is not None else plan.burn_in_steps
         super().__init__(burn_in + plan.steps, 1, burn_in)
         streams = streams_of(seed, first_path, paths)
         x, v = plan._start(streams)
         sums, noise = np.zeros((SUMS, paths)), np.zeros((2, paths))
         self.plan = plan
-        kept = np.outer(np.ones(paths), plan._kept_at_start)
+        # half a kick is owed to a path before its first step
+        kept = np.outer(np.ones(paths), (0.5 * plan.step, 0.0))
         self.paths = Paths(x, v, streams, sums, noise, kept)
         self.constants = plan._kernel_constants()
         self.outputs = NO_RECORD if record is None else record, log or NO_LOG

@@ -418,7 +418,7 @@ def test_a_path_between_stops_that_rub_is_that_of_an_integrator_by_events_contac
     plan = replace(plan, burn_in=1e-9)
     rows = dict(zip(plan.layout.rows, plan.averages(5, 0, 1), strict=True))
     lost = float(rows["stops", "rubbing"][0]) * plan.model.pairs[0].mass * plan.steps * plan.step
-    first = plan._burn_in_steps  # one step
+    first = plan.burn_in_steps  # one step
     later = known[-1, 4] - known[first - 1, 4]
     assert lost == pytest.approx(later, rel=0.05)
     assert later > 0.5

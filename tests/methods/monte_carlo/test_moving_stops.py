@@ -45,7 +45,7 @@ from stochvi.isolators import bumper_map
 from stochvi.mathematics.spectra import FilteredChange
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.modal_tables import _streams
+from stochvi.methods.monte_carlo.modal_tables import streams_of_block
 from stochvi.methods.monte_carlo.synthesis import MOST_BLOCKS
 from stochvi.model.model import model_of
 from stochvi.scenes import Modulation, Sine
@@ -149,7 +149,7 @@ def test_a_path_between_stops_that_a_table_moves_is_that_of_its_equation(law: An
     free = plan.free_response(3, 0, 1, 0)
     y = series(shape * free[:, 0, 0], step, 2.0 * step)
     xi = series(free[:, 1, 0], step, 2.0 * step)
-    *rest, cosine, sine = plan.start(_streams(3, 0, 1, MOST_BLOCKS - 1))[:, 0]
+    *rest, cosine, sine = plan.start(streams_of_block(3, 0, 1, MOST_BLOCKS - 1))[:, 0]
     phase = math.atan2(-sine, cosine)
 
     def beyond(place: float, t: float, e: np.ndarray) -> tuple[float, float]:

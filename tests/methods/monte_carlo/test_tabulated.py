@@ -254,17 +254,17 @@ def test_nothing_jumps_before_a_block_ends(duration: float | None) -> None:
     level = scene.excitations[0].model_copy(update={"kurtosis": 5.0, "level_time": 4.0})
     plan = plan_of(scene.replace(excitations=[level]), duration)
     for one in (plan, plan.coarser(), plan.finer(), plan.finer().finer()):
-        assert one._counted_of_block + one._burn_in_steps < one.samples
+        assert one.counted_of_block + one.burn_in_steps < one.samples
     sine = Sine(on="base", amplitude=20.0, frequency_hz=8.0)
     plan = plan_of(scene.replace(excitations=[*scene.excitations, sine]), duration)
     _, record = plan.recorded(1, 0, 8)
     x, v = record[:, :, 0], record[:, :, 1]
     missed = np.abs(np.diff(x, axis=0) - 0.5 * plan.step * (v[1:] + v[:-1]))
-    assert (missed[-1] < 2.0 * missed[: plan._counted_of_block - 1].max(axis=0)).all()
+    assert (missed[-1] < 2.0 * missed[: plan.counted_of_block - 1].max(axis=0)).all()
     two = two_masses(level.replace(on="base"))
     plans = make_plan(model_of(two), 0.0, duration)
     assert isinstance(plans, ModalTablesPlan)
-    assert plans._counted_of_block + plans._burn_in_steps < plans.samples
+    assert plans.counted_of_block + plans.burn_in_steps < plans.samples
 
 
 def two_masses(noise: TabulatedNoise) -> Scene:
