@@ -664,7 +664,7 @@ def total(parts: Sequence[Estimate], shares: Any = 1.0, how: str = "") -> Estima
     """The sum of independent numbers or rates of events, each times its share.
 
     What was not seen in a part is at most its limit: a bias beside events of other parts. Where
-    none has any, the limits add in squares.
+    these are fewer than the limits, which add in squares, the sum is an upper limit, too.
 
     Examples
     --------
@@ -673,14 +673,18 @@ def total(parts: Sequence[Estimate], shares: Any = 1.0, how: str = "") -> Estima
     2.00(30), bias up to 0.4 []
     >>> round(total([unseen, unseen]).upper_95, 3)
     0.424
+    >>> round(total([Estimate(value=0.1, standard_error=0.01), unseen]).upper_95, 3)
+    0.42
     """
     factors = np.broadcast_to(shares, len(parts))
     value = float(factors @ [each.value for each in parts])
     limits = factors * [each.upper_95 or 0.0 for each in parts]
-    if value > 0.0 or not limits.any():
+    unseen = math.hypot(*limits)
+    if value > unseen or not unseen:
         seen = [e if e.upper_95 is None else replace(e, bias=e.upper_95) for e in parts]
         return combined(value, factors, seen, how=how)
-    return Estimate(value=0.0, bias=None, how=how, upper_95=math.hypot(*limits))
+    seen = combined(value, factors, [replace(e, bias=e.bias or 0.0) for e in parts])
+    return Estimate(value=0.0, bias=None, how=how, upper_95=seen.interval()[1] + unseen)
 
 
 TOO_FEW = "in too few independent samples for an interval"

@@ -7,6 +7,8 @@ import itertools
 import json
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -47,8 +49,10 @@ from stochvi.methods.monte_carlo.choose_plan import plan_histories
 from stochvi.methods.monte_carlo.kernels.crossings_and_cycles import STACK, count_turn, open_cycles
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import model_of
+from stochvi.results.deadline import NEVER
 from stochvi.results.estimates import format_with_error
 from stochvi.sampling.run import Run as Sampling
+from stochvi.sampling.workers import WorkerPool
 from stochvi.scenes.datasets import profiles
 from stochvi.statistics.damage import SpectrumValues
 from stochvi.statistics.damage.assessment import HOLD_ERROR
@@ -62,7 +66,12 @@ from stochvi.statistics.damage.equipment import (
     largest_of_mission,
     three_quarters,
 )
-from stochvi.statistics.damage.missions import envelope, equivalent_density, joint_spectra
+from stochvi.statistics.damage.missions import (
+    envelope,
+    equivalent_density,
+    joint_spectra,
+    together,
+)
 from stochvi.statistics.damage.simulated import ClusterSampler, DamageSampler, sampled_for
 from stochvi.statistics.histories import accelerations
 from stochvi.testing import assert_agrees
@@ -1124,6 +1133,28 @@ def test_the_largest_of_phases_is_that_of_drawn_ones() -> None:
         np.linalg.norm(shares), abs=5e-3
     )
     assert found.extreme_response.bias[0] == pytest.approx(0.1, abs=1e-4)
+
+
+def test_impacts_of_a_mission_are_not_known_where_a_phase_may_have_most_of_them() -> None:
+    """Impacts of a quiet phase are known; in a loud one, simulated too briefly, none was seen."""
+    known = damage(BUMPERS_OF_MISSIONS, mission=3600.0, equipment=[60.0], rel_error=0.3, seed=1)
+    hits = known.impacts_per_hour
+    assert hits is not None and known.impact_loss_per_hour is not None
+    seldom = replace(
+        known, impacts_per_hour=hits / 1e6, impact_loss_per_hour=known.impact_loss_per_hour / 1e6
+    )
+    nothing = Estimate(value=0.0, bias=None)
+    unseen = replace(
+        known, impacts_per_hour=replace(nothing, upper_95=hits.value), impact_loss_per_hour=nothing
+    )
+    scene, run = halves(BUMPERS_OF_MISSIONS), Sampling(WorkerPool(ThreadPoolExecutor(1), 1, False), NEVER)
+    few = together(scene, {"a": seldom, "b": unseen}, run)
+    assert few.unseen and few.impact_loss_per_hour is None
+    assert few.impacts_per_hour is not None
+    assert few.impacts_per_hour.upper_95 == pytest.approx(hits.value / 2.0, rel=1e-4)
+    both = together(scene, {"a": known, "b": seldom}, run)
+    assert not both.unseen and both.impact_loss_per_hour is not None
+    assert both.impact_loss_per_hour.value == pytest.approx(known.impact_loss_per_hour.value / 2.0)
 
 
 @pytest.mark.slow

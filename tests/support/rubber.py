@@ -105,9 +105,13 @@ class OwnStop(NamedTuple):
     damping: float = 0.0
 
 
+SLOWEST = 1e-6
+"""Speed of an impact on a rigid stop after which a mass that is pressed onto it rests there."""
+
+
 class OwnPath:
     """The motion from rest under forces that are linear between samples, by Runge and Kutta's steps
-    that end at every event: an impact, a touch, the end of a contact."""
+    that end at every event: an impact, a touch, the end of a contact or of a rest."""
 
     def __init__(self, rubber: Rubber, stops: list[OwnStop]) -> None:
         self.a, _ = rubber.states()
@@ -134,21 +138,30 @@ class OwnPath:
         rate = stop.side * (stop.row @ s[n : 2 * n])
         return float(y), float(rate)
 
-    def _event(self, k: int, s: Array) -> float:
+    def _event(self, k: int, s: Array, force: Array) -> float:
         """Below 0 as things are, above where they change."""
         y, rate = self._of_stop(k, s)
         stop = self.stops[k]
-        force = stop.stiffness * y + stop.damping * rate
+        push = stop.stiffness * y + stop.damping * rate
         if self.touching[k]:
-            return -force
-        return min(y, force) if stop.stiffness else y  # a mass may turn before it has left
+            return -push if stop.stiffness else -self._pressed(k, s, force)
+        return min(y, push) if stop.stiffness else y  # a mass may turn before it has left
+
+    def _pressed(self, k: int, s: Array, force: Array) -> float:
+        """Acceleration into a stop if it were not there."""
+        free = (self.a @ s)[self.n : 2 * self.n] + self.inverse @ force
+        return float(self.stops[k].side * (self.stops[k].row @ free))
 
     def _rates(self, s: Array, force: Array) -> Array:
         n = self.n
         for k, stop in enumerate(self.stops):
-            if self.touching[k]:
-                y, rate = self._of_stop(k, s)
-                force = force - stop.side * stop.row * (stop.stiffness * y + stop.damping * rate)
+            if not self.touching[k]:
+                continue
+            y, rate = self._of_stop(k, s)
+            push = stop.stiffness * y + stop.damping * rate
+            if not stop.stiffness:
+                push = self._pressed(k, s, force) / (stop.row @ self.inverse @ stop.row)
+            force = force - stop.side * stop.row * push
         found = self.a @ s
         found[n : 2 * n] += self.inverse @ force
         return found
@@ -165,12 +178,13 @@ class OwnPath:
             end = self._step(s, h, force, slope)
             first, which = h, -1
             for k in range(len(self.stops)):
-                if self._event(k, end) <= 0.0 or self._event(k, s) > 0.0:
+                if self._event(k, end, force + h * slope) <= 0.0 or self._event(k, s, force) > 0.0:
                     continue
                 low, high = 0.0, first
                 for _ in range(60):
                     middle = 0.5 * (low + high)
-                    beyond = self._event(k, self._step(s, middle, force, slope)) > 0.0
+                    there = self._step(s, middle, force, slope)
+                    beyond = self._event(k, there, force + middle * slope) > 0.0
                     low, high = (low, middle) if beyond else (middle, high)
                 if high < first:
                     first, which = high, k
@@ -178,20 +192,22 @@ class OwnPath:
                 return end
             s = self._step(s, first, force, slope)
             force, t, h = force + first * slope, t + first, h - first
-            s = self._change(which, s, t)
+            s = self._change(which, s, t, force)
         return s
 
-    def _change(self, k: int, s: Array, t: float) -> Array:
+    def _change(self, k: int, s: Array, t: float, force: Array) -> Array:
         stop, n = self.stops[k], self.n
         _, rate = self._of_stop(k, s)
         if not self.touching[k]:
             self.impacts.append((t, k, rate))
-        if stop.stiffness:
+        if stop.stiffness or self.touching[k]:
             self.touching[k] = not self.touching[k]
             return s
+        self.touching[k] = rate < SLOWEST and self._pressed(k, s, force) > 0.0
+        rebound = 0.0 if self.touching[k] else stop.restitution
         kick = self.inverse @ stop.row
         s = s.copy()
-        s[n : 2 * n] -= stop.side * (1.0 + stop.restitution) * rate * kick / (stop.row @ kick)
+        s[n : 2 * n] -= stop.side * (1.0 + rebound) * rate * kick / (stop.row @ kick)
         s[:n] -= stop.side * max(self._of_stop(k, s)[0], 0.0) * kick / (stop.row @ kick)
         return s
 

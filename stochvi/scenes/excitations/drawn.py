@@ -14,7 +14,7 @@ from pydantic import AfterValidator, BeforeValidator, PrivateAttr, field_seriali
 
 from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.spectra import Table
-from stochvi.mathematics.units import Unit, power_ratio
+from stochvi.mathematics.units import Unit, power_ratio, shown
 from stochvi.mathematics.units import unit as unit_of
 from stochvi.mathematics.unsteady_noise import SHAPES, PulseShape
 from stochvi.results.errors import SceneError
@@ -97,12 +97,13 @@ VALUES = "acceleration", "force"
 
 def _per_second(value: Any) -> Any:
     """A text such as "12/h", pulses per hour, as pulses per second."""
-    if isinstance(value, str) and value.strip().endswith(PER_HOUR):
-        try:
-            return float(value.strip().removesuffix(PER_HOUR)) / 3600.0
-        except ValueError:
-            return value
-    return value
+    if not isinstance(value, str):
+        return value
+    try:
+        number = float(value.strip().removesuffix(PER_HOUR))
+    except ValueError:
+        raise ValueError(f'must be a number per second, or as "12/h", got {shown(value)}') from None
+    return number / 3600.0 if value.strip().endswith(PER_HOUR) else value
 
 
 def _value_unit(name: str) -> str:

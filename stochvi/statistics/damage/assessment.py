@@ -713,10 +713,12 @@ class _Question:
             return found
         warnings = [*found.warnings, "the accuracy asked for was not reached"]
         found = replace(found, warnings=warnings)
-        raise self.run.deadline.fell_short(
-            f"at a median relative standard error of {found.relative_error:.2g}, asked for "
-            f"{self.run.accuracy:g}", "raise budget or rel_error", found,
-        )  # fmt: skip
+        error, remedy = found.relative_error, "raise budget or rel_error"
+        where = f"at a median relative standard error of {error:.2g}, asked for "
+        where += f"{self.run.accuracy:g}"
+        if error <= self.run.accuracy:  # that of the motion between impacts
+            where, remedy = "before enough impacts were seen for their damage", "raise budget"
+        raise self.run.deadline.fell_short(where, remedy, found)
 
     def answer(
         self, spectra: EquipmentSpectra, without: EquipmentSpectra | None,

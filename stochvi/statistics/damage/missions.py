@@ -135,6 +135,9 @@ def together(scene: Scene, found: Mapping[str, Damage], run: Run) -> Damage:
     rates: dict[str, Any] = {
         name: _averaged([getattr(each, name) for each in phases], times) for name in RATES
     }
+    if (hits := rates["impacts_per_hour"]) and hits.upper_95 is not None:
+        # nor is their energy known, whatever other phases have
+        rates |= dict.fromkeys(RATES[1:])
     above = {
         level: _averaged([each.contacts_above.get(level) for each in phases], times)
         for level in first.contacts_above

@@ -454,6 +454,12 @@ test_a_drive_that_gives_no_numbers_is_refused = refusals(
 )
 
 
+def test_a_rate_in_words_is_refused_with_the_form_to_write() -> None:
+    with pytest.raises(SceneError, match="a number per second, or as \"12/h\", got '4 per hour'"):
+        Pulses(rate="4 per hour", impulse=1.0)
+    assert Pulses(rate="4/h", impulse=1.0).rate == 4.0 / 3600.0
+
+
 def test_what_numba_does_not_compile_is_told() -> None:
     force = DriveFunction(function=lambda z, time, uniform: float(Fraction(uniform)), rate=1.0)
     with pytest.raises(ValueError, match="must be a function that numba compiles"):
