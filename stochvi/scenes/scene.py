@@ -151,8 +151,8 @@ class ImpactPair(Checked):
     clearance
         Instead of the two, one clearance on both sides, m: stops at -clearance and clearance.
     tolerance
-        How much nearer than stated each stop may stand, m. The stops are put there, for every
-        calculation.
+        How much nearer than stated each stop may stand, m. Every calculation takes it to stand
+        there; `size` and others that move stops ask for a scene without it.
     on, between, weights
         The coordinate or point that hits the stops, which may be left out if there is only one; or
         two of them, of which the difference, first minus second, is the gap; or the weights of
@@ -190,7 +190,7 @@ class ImpactPair(Checked):
     lower: VariedNumber | None = None
     upper: VariedNumber | None = None
     clearance: VariedPositive | None = Field(default=None, exclude=True)
-    tolerance: NonNegative | None = Field(default=None, exclude=True)
+    tolerance: NonNegative | None = None
     law: Law | None = None
     lower_law: Law | None = None
     upper_law: Law | None = None
@@ -255,7 +255,6 @@ class ImpactPair(Checked):
             for name, value in (("lower", -self.clearance), ("upper", self.clearance)):
                 object.__setattr__(self, name, value)
             object.__setattr__(self, "clearance", None)
-        self._come_nearer()
         if self.lower is None and self.upper is None:
             raise ValueError(
                 "needs at least one of lower and upper (m from rest), or clearance; any number "
@@ -263,6 +262,7 @@ class ImpactPair(Checked):
             )
         if self.lower is not None and self.upper is not None and self.lower >= self.upper:
             raise ValueError(f"needs lower < upper, got {self.lower:g} and {self.upper:g}")
+        self._check_tolerance()
         rubs = any(law is not None and law.friction_coefficient for law in self._laws)
         if rubs != (self.tangent is not None):
             got = "a law with friction" if rubs else "tangent"
@@ -278,18 +278,32 @@ class ImpactPair(Checked):
                 )
         return self
 
-    def _come_nearer(self) -> None:
-        """Put the stops where a tolerance may have them."""
-        for name, side in (("lower", 1.0), ("upper", -1.0)):
-            place = getattr(self, name)
-            if self.tolerance is None or place is None:
-                continue
-            if isinstance(place, Mean):
+    def _check_tolerance(self) -> None:
+        if self.tolerance is None:
+            return
+        for name in ("lower", "upper"):
+            if isinstance(getattr(self, name), Mean):
                 raise ValueError(
                     f"takes tolerance, or a {name} stop that differs between units, got both"
                 )
-            object.__setattr__(self, name, place + side * self.tolerance)
-        object.__setattr__(self, "tolerance", None)
+        if self.lower is not None and self.upper is not None:
+            if 2.0 * self.tolerance >= self.upper - self.lower:
+                raise ValueError(
+                    f"needs a tolerance below half the distance of its stops, got "
+                    f"{self.tolerance:g} for stops at {self.lower:g} and {self.upper:g}"
+                )
+
+    @property
+    def nearest(self) -> ImpactPair:
+        """The pair with its stops where its tolerance may have them, without a tolerance."""
+        if self.tolerance is None:
+            return self
+        places = {
+            name: place + side * self.tolerance
+            for name, side in (("lower", 1.0), ("upper", -1.0))
+            if (place := getattr(self, name)) is not None
+        }
+        return self.model_copy(update={**places, "tolerance": None})
 
     @property
     def _laws(self) -> tuple[Law | None, ...]:
@@ -616,16 +630,23 @@ class Scene(Checked):
     @property
     def expanded(self) -> Scene:
         """The same scene with absorbers of mass, play and law written out as coordinates and impact
-        pairs of a structure of kind `matrices`; the scene itself where it has none."""
+        pairs of a structure of kind `matrices`, and stops where their tolerances may have them; the
+        scene itself where it has none."""
         absorbers = self._short_absorbers
         if not absorbers:
-            return self._with_sides_apart()._with_densities()
-        mean = mean_unit(self)
+            return self._with_nearest_stops()._with_sides_apart()._with_densities()
+        mean = mean_unit(self._with_nearest_stops())
         return Scene(
             title=self.title,
             cross_densities=self.cross_densities,
             **on_oscillator(absorbers, mean.structure, mean.impact_pairs, mean.excitations),
         )._with_densities()
+
+    def _with_nearest_stops(self) -> Scene:
+        if all(pair.tolerance is None for pair in self.impact_pairs):
+            return self
+        pairs = tuple(pair.nearest for pair in self.impact_pairs)
+        return self.model_copy(update={"impact_pairs": pairs})
 
     def _with_densities(self) -> Scene:
         """The same scene with filtered noises by their density where a cross density names them."""

@@ -11,6 +11,7 @@ from stochvi import (
     ForceTable,
     ImpactPair,
     Matrices,
+    Oscillator,
     RecordedNoise,
     Restitution,
     Scene,
@@ -22,7 +23,10 @@ from stochvi import (
 from stochvi.identification import read_test
 from stochvi.mathematics.spectra import Table, response_moments
 from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.model.model import model_of
+from stochvi.scenes.keys import changed_scene
 from stochvi.scenes.pair_tables import read_pairs
+from stochvi.scenes.scene import scene_from
 from stochvi.scenes.text_tables import read_table, read_text, read_text_table, unit_in
 from support.commands import Run
 from support.refusals import refusals
@@ -851,10 +855,10 @@ def test_a_table_is_the_pairs_that_it_lists(tmp_path: Path) -> None:
     scene = load_scene(written(tmp_path, TABLE))
     latch, rail, third = scene.impact_pairs
     assert (latch.name, latch.on, latch.between) == ("latch", "tip", None)
-    assert (latch.lower, latch.upper) == pytest.approx((-0.0024, 0.0014), rel=1e-12)
+    assert (latch.nearest.lower, latch.nearest.upper) == pytest.approx((-0.0024, 0.0014), rel=1e-12)
     assert (rail.between, rail.lower, rail.upper) == (("tip", "seat"), None, 0.003)
     assert third.name == "gaps line 5"
-    assert third.lower == pytest.approx(-0.0035, rel=1e-12)
+    assert third.nearest.lower == pytest.approx(-0.0035, rel=1e-12)
     assert latch.law == Restitution(coefficient=0.5)
     again = Scene(**scene.document())
     assert again.impact_pairs == scene.impact_pairs
@@ -913,15 +917,33 @@ def test_pairs_of_a_table_share_what_the_scene_says_and_stand_behind_others(
 
 
 def test_a_tolerance_puts_stops_nearer() -> None:
-    pair = ImpactPair(lower=-2.0, upper=3.0, tolerance=0.5, law=Restitution(coefficient=0.5))
-    assert (pair.lower, pair.upper, pair.tolerance) == (-1.5, 2.5, None)
-    assert pair.replace(name="again").upper == 2.5
-    both = ImpactPair(clearance=2.0, tolerance=0.5, law=Restitution(coefficient=0.5))
-    assert (both.lower, both.upper) == (-1.5, 1.5)
-    with pytest.raises(SceneError, match="needs lower < upper"):
-        ImpactPair(clearance=0.2, tolerance=0.3, law=Restitution(coefficient=0.5))
+    law = Restitution(coefficient=0.5)
+    pair = ImpactPair(lower=-2.0, upper=3.0, tolerance=0.5, law=law)
+    scene = Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        impact_pairs=[pair],
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+
+    def places(scene: Scene) -> list[float]:
+        return [stop.position for stop in model_of(scene).pairs[0].stops]
+
+    def changed(scene: Scene, change: dict[str, float]) -> Scene:
+        return changed_scene(scene.document(), tuple(change.items()))
+
+    assert places(scene) == [-1.5, 2.5]
+    # as it is written and read again, with other keys, and once for all
+    assert places(scene_from(scene.document())) == [-1.5, 2.5]
+    assert places(scene.replace(impact_pairs=[pair.replace(upper=4.0)])) == [-1.5, 3.5]
+    assert places(changed(scene, {"impact_pair.0.tolerance": 0.25})) == [-1.75, 2.75]
+    assert places(scene.expanded) == places(scene.expanded.expanded) == [-1.5, 2.5]
+    both = scene.replace(impact_pairs=[ImpactPair(clearance=2.0, tolerance=0.5, law=law)])
+    assert places(both) == [-1.5, 1.5]
+    assert places(changed(both, {"impact_pair.0.clearance": 3.0})) == [-2.5, 2.5]
+    with pytest.raises(SceneError, match="tolerance below half the distance of its stops"):
+        ImpactPair(clearance=0.2, tolerance=0.3, law=law)
     with pytest.raises(SceneError, match="differs between units"):
-        ImpactPair(upper={"mean": 1.0, "std": 0.1}, tolerance=0.1, law=Restitution(coefficient=0.5))
+        ImpactPair(upper={"mean": 1.0, "std": 0.1}, tolerance=0.1, law=law)
 
 
 def test_a_table_is_read_from_python_too(tmp_path: Path) -> None:

@@ -1147,7 +1147,8 @@ def test_impacts_of_a_mission_are_not_known_where_a_phase_may_have_most_of_them(
     unseen = replace(
         known, impacts_per_hour=replace(nothing, upper_95=hits.value), impact_loss_per_hour=nothing
     )
-    scene, run = halves(BUMPERS_OF_MISSIONS), Sampling(WorkerPool(ThreadPoolExecutor(1), 1, False), NEVER)
+    scene = halves(BUMPERS_OF_MISSIONS)
+    run = Sampling(WorkerPool(ThreadPoolExecutor(1), 1, external=False), NEVER)
     few = together(scene, {"a": seldom, "b": unseen}, run)
     assert few.unseen and few.impact_loss_per_hour is None
     assert few.impacts_per_hour is not None
