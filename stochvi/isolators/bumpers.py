@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stochvi.engine.sub_steps import CONTACT_ANGLE
-from stochvi.isolators.screening import at_clearances
+from stochvi.isolators.screening import at_clearances, check_movable
 from stochvi.isolators.sizing.search import ACCEPTED
 from stochvi.isolators.tolerances import changed_stops
 from stochvi.mathematics.numerics import Matrix, Vector
@@ -641,6 +641,7 @@ def bumper_map(
     >>> bool(2.0 < hard / soft < 4.0)
     True
     """
+    check_movable(scene)
     _check(scene, mission, exceedance)
     limits = _limits(limits or {})
     usual = np.geomspace(1.0 / SPREAD, SPREAD, POINTS)

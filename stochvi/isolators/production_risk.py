@@ -16,6 +16,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp, ndtr, ndtri
 
+from stochvi.isolators.screening import check_movable
 from stochvi.isolators.sizing.answer import (
     Clearance,
     Question,
@@ -783,6 +784,8 @@ def production(
     """
     if not 0.0 < mission < math.inf:
         raise ValueError(f"mission must be a positive number of seconds, got {mission}")
+    if probability is not None:
+        check_movable(scene)
     if probability is not None and not 0.0 < probability <= CERTAIN:
         raise ValueError(f"probability must be in (0, {CERTAIN:g}], got {probability:g}")
     if conditions := unmet(scene):

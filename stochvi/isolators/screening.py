@@ -48,6 +48,18 @@ from stochvi.statistics.trial_splitting import has_fast_peaks
 # ------------------------------------------------------------------------------
 
 
+def check_movable(scene: Scene) -> None:
+    """`ValueError` for stops with a tolerance where a clearance is to be found: which of the two
+    places it would be could not be told."""
+    for pair in scene.impact_pairs:
+        if pair.tolerance:
+            raise ValueError(
+                f"tolerance of the pair {pair.name} must be left out where a clearance is found, "
+                f"got {pair.tolerance:g} m; add it to the clearance, or give it as "
+                f"--tolerances clearance=uniform:{1e3 * pair.tolerance:g}mm"
+            )
+
+
 def at_clearances(scene: Scene, clearances: ArrayLike) -> Scene:
     """The scene with its stops moved to distances from the mean gaps, the laws of the stops kept.
 
@@ -827,6 +839,7 @@ def clearance_curve(
     >>> table["clearance"].tolist()
     [0.002, 0.003]
     """
+    check_movable(scene)
     if not scene.impact_pairs:
         raise NotApplicable("clearance_curve", ["the scene needs an impact_pair, for its law"])
     places = np.asarray(clearances, dtype=float)

@@ -286,12 +286,13 @@ class ImpactPair(Checked):
                 raise ValueError(
                     f"takes tolerance, or a {name} stop that differs between units, got both"
                 )
-        if self.lower is not None and self.upper is not None:
-            if 2.0 * self.tolerance >= self.upper - self.lower:
-                raise ValueError(
-                    f"needs a tolerance below half the distance of its stops, got "
-                    f"{self.tolerance:g} for stops at {self.lower:g} and {self.upper:g}"
-                )
+        if self.lower is None or self.upper is None:
+            return
+        if 2.0 * self.tolerance >= self.upper - self.lower:
+            raise ValueError(
+                f"needs a tolerance below half the distance of its stops, got {self.tolerance:g} "
+                f"for stops at {self.lower:g} and {self.upper:g}"
+            )
 
     @property
     def nearest(self) -> ImpactPair:

@@ -14,7 +14,7 @@ from stochvi.isolators.sizing.answer import (
     MissionSizing,
     Probability,
 )
-from stochvi.isolators.tolerances import in_words
+from stochvi.isolators.tolerances import Tolerances, in_words
 from stochvi.mathematics.units import LENGTH, RATE, spoken_mission
 from stochvi.results.base import DataFrame, rows_of
 from stochvi.results.estimates import (
@@ -484,11 +484,13 @@ def _shared(sizing: Sizing) -> str:
 
 def clearance_told(found: ClearanceAnswer) -> Told:
     """The clearance to make, the line to copy, and what decides."""
+    stated = Tolerances.of(found.scene).in_words()
+    of_scene = f"tolerances, of the scene ({stated}) or others," if stated else "tolerances,"
+    lines = [NEVER_TOLERANCES.replace("tolerances,", of_scene)]
     if isinstance(found, MissionSizing):
-        more = {"assumptions": found.assumptions}
-        return _told(found, [NEVER_TOLERANCES], [_phases(found)], **more)
+        return _told(found, lines, [_phases(found)], assumptions=found.assumptions)
     assert isinstance(found, DamageSizing)
-    return _told(found, [NEVER_TOLERANCES], [_damage(found)])
+    return _told(found, lines, [_damage(found)])
 
 
 def _phases(found: MissionSizing) -> Section:

@@ -28,7 +28,14 @@ from stochvi import (
     screen,
     size,
 )
-from stochvi.isolators import MissionSizing, size_by_damage
+from stochvi.isolators import (
+    MissionSizing,
+    Spread,
+    bumper_map,
+    clearance_curve,
+    production,
+    size_by_damage,
+)
 from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.size import FIRST_SIGMA
 from stochvi.results.estimates import Estimate
@@ -37,6 +44,7 @@ from stochvi.scenes.excitations.drawn import Pulses
 from stochvi.scenes.phases import Phase
 from stochvi.statistics.damage import Damage
 from stochvi.statistics.damage.equipment import SpectrumValues
+from stochvi.views.isolator_tables import clearance_told
 from stochvi.views.report import write_report
 from support import judges
 from support.mounts import two_stages
@@ -212,6 +220,37 @@ def test_what_no_mission_is_sized_for_is_refused() -> None:
         size(scene, probability=0.01, mission=60.0)
     with pytest.raises(NotApplicable, match="the target must be a probability"):
         size(scene, rate=1e-4)
+
+
+def test_tolerances_that_a_scene_states_are_said_to_be_left_out() -> None:
+    """Of a mission; of one phase without shocks the clearance holds within them."""
+    scene = mission([ROAD])
+    stated = scene.replace(structure=scene.structure.replace(frequency_tolerance=0.1))
+    found, plain = sized(stated), sized(scene)
+    assert found.clearance == plain.clearance
+    words = "tolerances of the scene are not included: natural frequency ± 10 %"
+    assert words in found.assumptions and words not in plain.assumptions
+    words = "of the scene (natural frequency ± 10 %)"
+    assert words in clearance_told(found).statements[0]
+    assert words not in clearance_told(plain).statements[0]
+
+
+def test_stops_with_a_tolerance_are_not_moved() -> None:
+    scene = mission([ROAD])
+    (one,) = scene.impact_pairs
+    loose = scene.replace(impact_pairs=[one.replace(tolerance=1e-4)])
+    words = "tolerance of the pair stops must be left out where a clearance is found, got 0.0001 m"
+    for calculation in (
+        lambda: size(loose, probability=0.01),
+        lambda: size_by_damage(loose.in_phase("road"), ratio=2.0),
+        lambda: bumper_map(loose.in_phase("road")),
+        lambda: clearance_curve(loose.in_phase("road"), [1e-3]),
+        lambda: production(
+            loose.in_phase("road"), {"frequency": Spread(std=0.03)}, probability=0.01
+        ),
+    ):
+        with pytest.raises(ValueError, match=words):
+            calculation()
 
 
 # Several pairs ---------------------------------------------------------------------------------

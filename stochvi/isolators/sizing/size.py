@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from stochvi.isolators.record_verdict import record_verdict
-from stochvi.isolators.screening import at_clearances
+from stochvi.isolators.screening import at_clearances, check_movable
 from stochvi.isolators.sizing.answer import (
     Clearance,
     DamageSizing,
@@ -458,6 +458,7 @@ def size_mission(
             ["nothing may differ between units where the scene has phases, got "
              f"{differing[0]}; size one phase, named as FILE.toml#PHASE"],
         )  # fmt: skip
+    stated = Tolerances.of(scene).in_words()
     phases = {phase.name: PhaseMotion.of(phase, scene) for phase in scene.phases}
     hazard = -math.log1p(-target.value)
     names = [each.name for each in model_of(as_stated(scene)).pairs] or ["stops"]
@@ -514,6 +515,7 @@ def size_mission(
         phases=table,
         curve=joint.curve(clearance.value),
         assumptions=(
+            *([f"tolerances of the scene are not included: {stated}"] if stated else []),
             *([INDEPENDENT] if len(phases) > 1 else []),
             *spoken_lags({name: each.scene for name, each in phases.items()}, scene.phases),
             *([FOLLOWED] if any(each.scene.random_level for each in phases.values()) else []),
@@ -717,6 +719,7 @@ def size_by_damage(
     >>> bool(3.0 < found.clearance.value / found.sigma < 6.0)
     True
     """
+    check_movable(scene)
     if not 1.0 < ratio < math.inf:
         raise ValueError(f"ratio must be above 1, got {ratio}; stops add to the damage")
     model, run = model_of(scene), Run.of(options)
@@ -932,6 +935,7 @@ def size(
     5.6
     """
     target = target_of(probability, rate, limits_in(options), exceedance)
+    check_movable(scene)
     run = Run.of(options)
     if not scene.phases and is_one_phase(scene):
         whole = Phase(name=MISSION, duration=HOUR if mission is None else mission)
@@ -1021,7 +1025,12 @@ def _of_phases(
     **others: object,
 ) -> MissionSizing:  # fmt: skip
     """The sizing of a scene with phases; refuses arguments that are not for phases."""
-    for name, value in {"mission": mission, **others}.items():
+    if mission is not None:
+        raise ValueError(
+            f"mission must be left out where the scene has phases, which last so long together, "
+            f"got {mission}"
+        )
+    for name, value in others.items():
         if value is not None:
             raise ValueError(
                 f"{name} must be left out where the scene has phases, shocks, noise of varying "
