@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 AXES = ("clearance", "stiffness")
 """Axes of the map."""
 
+FAINT = 1e-3
+"""Share of the stiffness of the stops below which no stiffness of a map is meant."""
+
 POINTS = 20
 """Number of values of an axis where only its ends are given."""
 
@@ -149,6 +152,11 @@ def _axis(scene: Scene, name: str, low: float, high: float, number: int) -> dict
     if name == "clearance":
         return {"clearances": np.linspace(low, high, number)}
     own = stiffness_of(scene) or 1.0
+    if high < FAINT * own:  # factors of a law that has a stiffness
+        raise ValueError(
+            f"--map stiffness is in N/m where stops are linear springs, here of {own:g} N/m, got "
+            f"{low:g} to {high:g}; write {low * own:g}:{high * own:g} for factors of it"
+        )
     return {"stiffness_factors": np.geomspace(low, high, number) / own}
 
 

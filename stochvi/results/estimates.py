@@ -681,8 +681,8 @@ def total(parts: Sequence[Estimate], shares: Any = 1.0, how: str = "") -> Estima
     limits = factors * [each.upper_95 or 0.0 for each in parts]
     unseen = math.hypot(*limits)
     if value > unseen or not unseen:
-        seen = [e if e.upper_95 is None else replace(e, bias=e.upper_95) for e in parts]
-        return combined(value, factors, seen, how=how)
+        biased = [e if e.upper_95 is None else replace(e, bias=e.upper_95) for e in parts]
+        return combined(value, factors, biased, how=how)
     seen = combined(value, factors, [replace(e, bias=e.bias or 0.0) for e in parts])
     return Estimate(value=0.0, bias=None, how=how, upper_95=seen.interval()[1] + unseen)
 

@@ -349,6 +349,7 @@ def test_a_scene_with_phases_is_sized(rubber: Path, stochvi: Run) -> None:
     [
         (("--map", "clearance"), "--map must be clearance,stiffness"),
         (("--map", "clearance,stiffness=9:3"), "must be FIRST:LAST"),
+        (("--map", "clearance,stiffness=0.2:5"), "is in N/m where stops are linear springs, here "),
         (("--map", "clearance,stiffness", "--probability", "1%"), "without --probability"),
         (("--probability", "1%", "--pad-force", "100"), "must stand with --map"),
         (("--damage-ratio", "2", "--rate", "1"), "without --rate"),
