@@ -162,7 +162,7 @@ level_db = 0.0
 # "normal" or "exponential"; two_sided = false where all act in the positive direction
 # constant: force (N) or acceleration (m/s^2, of the base; 9.80665 presses towards -x like gravity)
 
-# [[phase]]                  # of a mission, for `stochvi reliability`; FILE.toml#road is one
+# [[phase]]                  # of a mission, for size, reliability and damage; FILE.toml#road is one
 # name = "road"
 # duration = "2 h"           # or seconds
 # level_db = 3.0             # raises what shakes; or profile = ".." or [[phase.excitation]];
@@ -221,7 +221,7 @@ def new(file: Path, kind: str) -> None:
         write_whole(table.read_bytes(), file.parent / table.name)
     written = ", ".join(str(path) for path in (file, *(file.parent / t.name for t in tables)))
     try_it = {
-        "any": f"check {file}",
+        "any": f"explain {file}",
         "potholes": f"screen {file}",
         "absorber": f"absorber {file} --out out",
         "sine": f"sine {file} --from 60 --to 120 --out out",

@@ -14,7 +14,7 @@ from pydantic import AfterValidator, BeforeValidator, PrivateAttr, field_seriali
 
 from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.spectra import Table
-from stochvi.mathematics.units import Unit, power_ratio, shown
+from stochvi.mathematics.units import ACCELERATION, FORCE, Unit, power_ratio, shown
 from stochvi.mathematics.units import unit as unit_of
 from stochvi.mathematics.unsteady_noise import SHAPES, PulseShape
 from stochvi.results.errors import SceneError
@@ -93,6 +93,10 @@ FEWEST_SAMPLES = 4
 
 VALUES = "acceleration", "force"
 """Quantities of a measured pulse."""
+
+
+SELDOM = 0.1
+"""Rate of pulses, 1/s, below which they are told by the hour."""
 
 
 def _per_second(value: Any) -> Any:
@@ -336,13 +340,15 @@ class Pulses(DrawnExcitation):
     def facts(self, where: str, numbers: Mapping[str, float]) -> list[tuple[str, ...]]:
         sides = "in either direction" if self.two_sided else "in one direction"
         often = f"{self.rate:.4g} per second"
+        if self.rate < SELDOM:
+            often = f"{3600.0 * self.rate:.4g} per hour"
         if self._shock is None:
             unit = "m/s" if where == BASE else "N s"
             size = f"{often} of {self.size:.4g} {unit}, {self.sizes} sizes"
             return [(f"Pulses on {where}", size, sides)]
-        unit = "m/s²" if where == BASE else "N"
+        quantity = ACCELERATION if where == BASE else FORCE
         shape = self.shape or Path(self.file or "").name
-        peak = f"{self.size * self._shock.peak:.4g} {unit}"
+        peak = quantity.text(self.size * self._shock.peak)
         size = f"{often}, {shape} of {peak} in {self._shock.duration:.4g} s, {self.sizes} sizes"
         return [(f"Pulses on {where}", size, sides)]
 
