@@ -469,7 +469,7 @@ def test_new_writes_a_scene_that_is_valid(stochvi: Run, tmp_path: Path):
     file = tmp_path / "deep" / "scene.toml"
     code, out, err = stochvi("new", file)
     assert (code, out) == (0, "")
-    assert f"stochvi check {file}" in err
+    assert f"stochvi explain {file}" in err
     assert load_scene(file).effects() == (
         "tabulated noise on base", "rigid stop lower", "rigid stop upper",
     )  # fmt: skip
