@@ -207,6 +207,7 @@ def test_the_report_of_a_mission_shows_its_phases(tmp_path: Path) -> None:
     for expected in (
         f"Make {found.made} on each side", found.stops_to_copy(), "at +2 dB", "Phase by phase",
         "stiffness of the mount times 0.9", "1.078 g rms", "Revision and signatures",
+        "Natural frequency", "12 Hz",
     ):  # fmt: skip
         assert expected in page, expected
     assert page.count("<figure") == 3

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from stochvi.isolators.record_verdict import RecordVerdict, most_alarming
-from stochvi.isolators.screening import Screening, at_clearances
+from stochvi.isolators.screening import SceneAtRest, Screening, at_clearances, scene_at_rest
 from stochvi.isolators.tolerances import Tolerances
 from stochvi.mathematics.numerics import ROUNDING, Matrix, Vector
 from stochvi.mathematics.units import LENGTH, RATE, readable, spoken_mission
@@ -485,6 +485,11 @@ class ClearanceAnswer(Result):
     def hanging(self) -> Scene:
         """The scene in whose static equilibrium the mass hangs."""
         return self.scene
+
+    @property
+    def resting(self) -> SceneAtRest:
+        """The numbers of that scene without noise."""
+        return scene_at_rest(self.hanging)
 
     @property
     def rest(self) -> float:

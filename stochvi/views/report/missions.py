@@ -187,14 +187,17 @@ def _stops(found: ClearanceAnswer) -> Section:
         "hangs, relative to the base. Positions in a scene file (lower, upper) count from the "
         "unloaded spring.",
         facts=[
-            Fact(
-                f"{side.capitalize()} stop",
-                spoken_length(getattr(pair, side)),
-                f"{'' if found.each_made else 'of the scene; '}from the unloaded spring; "
-                f"{law.phrase()}",
-            )
-            for pair in made.impact_pairs
-            for side, law in pair.stops()
+            *_frequencies(found.resting),
+            *(
+                Fact(
+                    f"{side.capitalize()} stop",
+                    spoken_length(getattr(pair, side)),
+                    f"{'' if found.each_made else 'of the scene; '}from the unloaded spring; "
+                    f"{law.phrase()}",
+                )
+                for pair in made.impact_pairs
+                for side, law in pair.stops()
+            ),
         ],
         pictures=[
             Picture(
@@ -247,14 +250,19 @@ def reliability_page(
     )
 
 
+def _frequencies(hung: SceneAtRest) -> list[Fact]:
+    """The natural frequencies, and the damping ratio of one mass."""
+    if not hung.natural_frequency_hz:
+        return []
+    name = "Natural frequency" if len(hung.natural_frequency_hz) == 1 else "Natural frequencies"
+    values = ", ".join(f"{each:.4g}" for each in hung.natural_frequency_hz)
+    damping = "" if hung.damping_ratio is None else f"damping ratio {hung.damping_ratio:.4g}"
+    return [Fact(name, f"{values} Hz", damping)]
+
+
 def _scene_section(scene: Scene, hung: SceneAtRest) -> Section:
     """What shakes what, and where it hits, with the drawing of the scene."""
-    frequencies = [f"{each:.4g}" for each in hung.natural_frequency_hz]
-    facts = []
-    if frequencies:
-        name = "Natural frequency" if len(frequencies) == 1 else "Natural frequencies"
-        damping = "" if hung.damping_ratio is None else f"damping ratio {hung.damping_ratio:.4g}"
-        facts.append(Fact(name, f"{', '.join(frequencies)} Hz", damping))
+    facts = _frequencies(hung)
     for pair in scene.impact_pairs:
         for side, law in pair.stops():
             place = getattr(pair, side)
