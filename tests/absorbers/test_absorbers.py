@@ -71,6 +71,7 @@ from stochvi.views.absorbers import design_page
 from support import judges
 from support.accuracies import quick_cases, rel_errors
 from support.bounces import Bounces
+from support.known import to_toml
 from support.refusals import refusals
 
 LIGHTLY_DAMPED = Oscillator(mass=1.0, damping=0.02, stiffness=1.0)
@@ -164,6 +165,13 @@ def test_different_units_that_lose_energy_keep_their_balances(how: dict[str, flo
         assert abs(residual.value) <= Z * residual.standard_error + (residual.bias or 0.0)
 
 
+def tower(absorber: Any, drive: dict[str, Any] | None = None) -> str:
+    """The file of a light structure with an absorber."""
+    structure = {"kind": "oscillator", "mass": 1.0, "damping": 0.02, "stiffness": 1.0}
+    drives = [drive or {"kind": "white", "intensity": 0.04}]
+    return to_toml({"structure": structure, "absorber": absorber, "excitation": drives})
+
+
 def test_a_list_of_absorbers_in_a_file(tmp_path) -> None:
     file = tmp_path / "tower.toml"
     unit = 'law = { kind = "restitution", coefficient = 0.5 }\n'
@@ -193,28 +201,13 @@ test_bad_lists_of_absorbers_are_refused = refusals(
 
 def test_a_scene_file_may_use_either_form(tmp_path) -> None:
     file = tmp_path / "tower.toml"
-    file.write_text(
-        """
-        [structure]
-        kind = "isolator"
-        mass = 2.0
-        frequency_hz = 10.0
-        zeta = 0.01
-        [absorber]
-        mass = 0.1
-        play = 0.004
-        law = { kind = "restitution", coefficient = 0.5 }
-        [[excitation]]
-        kind = "white"
-        density = 0.001
-        unit = "g2/Hz"
-        [[excitation]]
-        kind = "sine"
-        on = "x"
-        amplitude = 1.0
-        frequency_hz = 5.0
-        """
-    )
+    white, sine = {"kind": "white", "density": 0.001, "unit": "g2/Hz"}, {"kind": "sine", "on": "x"}
+    document = {
+        "structure": {"kind": "isolator", "mass": 2.0, "frequency_hz": 10.0, "zeta": 0.01},
+        "absorber": {"mass": 0.1, "play": 0.004, "law": {"coefficient": 0.5}},
+        "excitation": [white, sine | {"amplitude": 1.0, "frequency_hz": 5.0}],
+    }
+    file.write_text(to_toml(document))
     scene = load_scene(file)
     assert [each.on for each in scene.expanded.excitations] == ["base", "structure"]
     assert scene.absorber_coordinates == ("absorber",)
@@ -724,22 +717,7 @@ def test_what_absorbers_cannot_be_asked() -> None:
 @pytest.mark.slow
 def test_the_command_tells_the_verdict_first(tmp_path) -> None:
     file = tmp_path / "scene.toml"
-    file.write_text(
-        """
-        [structure]
-        kind = "oscillator"
-        mass = 1.0
-        damping = 0.02
-        stiffness = 1.0
-        [absorber]
-        mass = 0.1
-        play = 3.0
-        law = { kind = "restitution", coefficient = 0.5 }
-        [[excitation]]
-        kind = "white"
-        intensity = 0.04
-        """
-    )
+    file.write_text(tower({"mass": 0.1, "play": 3.0, "law": {"coefficient": 0.5}}))
     runner = CliRunner()
     common = ["--rel-error", "0.1", "--levels", "0,3"]
     asked = ["absorber", str(file), *common, "--json", "-", "--out", str(tmp_path)]
@@ -1052,23 +1030,8 @@ def test_what_is_no_absorber_under_a_sine_is_refused() -> None:
 @pytest.mark.slow
 def test_the_command_writes_curves_a_picture_and_a_page(tmp_path: Path) -> None:
     file = tmp_path / "tower.toml"
-    file.write_text(
-        """
-        [structure]
-        kind = "oscillator"
-        mass = 1.0
-        damping = 0.02
-        stiffness = 1.0
-        [absorber]
-        mass = 0.05
-        play = 2.0
-        law = { kind = "restitution", coefficient = 0.8 }
-        [[excitation]]
-        kind = "sine"
-        amplitude = 0.05
-        frequency_hz = 0.159155
-        """
-    )
+    sine = {"kind": "sine", "amplitude": 0.05, "frequency_hz": 0.159155}
+    file.write_text(tower({"mass": 0.05, "play": 2.0, "law": {"coefficient": 0.8}}, sine))
     arguments = [
         "absorber", str(file), "--sine", "--from", "0.157", "--to", "0.161", "--points", "3",
         "--vary", "absorber.play=1:3:3", "--budget", "600",

@@ -652,27 +652,15 @@ def test_a_part_that_stands_there_twice_is_a_list(stochvi: Run, tmp_path: Path) 
     assert "for several, write each as [[absorber]]" in refused(stochvi("explain", file))
 
 
-PHASES = """
-[structure]
-kind = "isolator"
-mass = 2.0
-frequency_hz = 12.0
-zeta = 0.1
-[[impact_pair]]
-clearance = 0.004
-law = { kind = "restitution", coefficient = 0.5 }
-[[excitation]]
-kind = "record"
-file = "record.csv"
-unit = "g"
-[[phase]]
-name = "road"
-duration = 60.0
-[[phase]]
-name = "rough road"
-duration = 20.0
-level_db = 2.0
-"""
+PHASES = {
+    "structure": {"kind": "isolator", "mass": 2.0, "frequency_hz": 12.0, "zeta": 0.1},
+    "impact_pair": [{"clearance": 0.004, "law": {"kind": "restitution", "coefficient": 0.5}}],
+    "excitation": [{"kind": "record", "file": "record.csv", "unit": "g"}],
+    "phase": [
+        {"name": "road", "duration": 60.0},
+        {"name": "rough road", "duration": 20.0, "level_db": 2.0},
+    ],
+}
 
 
 SLOW = pytest.mark.slow
@@ -684,7 +672,7 @@ def in_phases(tmp_path: Path) -> Path:
     t = np.arange(4000) / 400.0
     noise = np.random.default_rng(2).normal(size=t.size)
     np.savetxt(tmp_path / "record.csv", np.column_stack([t, noise]), delimiter=",")
-    (tmp_path / "mission.toml").write_text(PHASES, "utf-8")
+    (tmp_path / "mission.toml").write_text(to_toml(PHASES), "utf-8")
     return tmp_path / "mission.toml"
 
 

@@ -50,6 +50,7 @@ from stochvi.views.datasets import (
     write_sweep,
 )
 from support.commands import ELASTIC, Run, one_document, refused
+from support.known import DOCUMENT, to_toml
 from support.refusals import refusals
 from support.sized import scene_between_stops, sizing_of
 
@@ -647,11 +648,7 @@ def test_a_mean_that_vanishes_is_not_drawn() -> None:
 
 def test_the_command_writes_a_table_and_pictures(tmp_path: Path) -> None:
     scene = tmp_path / "scene.toml"
-    scene.write_text(
-        '[structure]\nkind = "oscillator"\nmass = 1.0\ndamping = 0.1\nstiffness = 1.0\n'
-        "[[impact_pair]]\nupper = 1.0\nlaw = { kind = 'restitution', coefficient = 1.0 }\n"
-        '[[excitation]]\nkind = "white"\nintensity = 0.2\n'
-    )
+    scene.write_text(to_toml(DOCUMENT))
     ask = ["sweep", str(scene), "--vary", f"{GAP}=0.5:1:2", "--out", str(tmp_path / "out")]
     done = CliRunner().invoke(main, [*ask, "--method", "exact"])
     assert done.exit_code == 0, done.output
@@ -774,11 +771,7 @@ def test_ctrl_c_leaves_the_rows_that_are_complete_in_a_table(
     stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene = tmp_path / "scene.toml"
-    scene.write_text(
-        "[structure]\nkind = 'oscillator'\nmass = 1\ndamping = 0.1\nstiffness = 1\n"
-        "[[impact_pair]]\nupper = 1.0\nlaw = { coefficient = 1.0 }\n"
-        "[[excitation]]\nkind = 'white'\nintensity = 0.2\n"
-    )
+    scene.write_text(to_toml(DOCUMENT))
     answered, row = [], Job.row
 
     def interrupted(self: Job, *arguments: object) -> object:

@@ -55,6 +55,7 @@ from stochvi.testing import assert_agrees
 from stochvi.views.pages import print_told
 from stochvi.views.statistics import bumper_map_told, plot_bumper_map
 from support import judges
+from support.known import to_toml
 from support.mounts import truck
 from support.synthesis import OfMass
 
@@ -760,22 +761,7 @@ def test_what_cannot_be_jolted_is_said() -> None:
 
 def test_the_command_tells_boundary_capture_and_escape(tmp_path) -> None:
     file = tmp_path / "mount.toml"
-    file.write_text(
-        """
-        [structure]
-        kind = "isolator"
-        frequency_hz = 9.99493
-        zeta = 0.0995223
-        [[impact_pair]]
-        lower = -0.0004
-        upper = 0.0004
-        law = { kind = "restitution", coefficient = 0.5 }
-        [[excitation]]
-        kind = "sine"
-        amplitude = 39.4384
-        frequency_hz = 99.9493
-        """
-    )
+    file.write_text(to_toml(mount(4e-4).document()))
     arguments = ["perturbations", str(file), "--speeds", "0,0.3", "--paths", "16"]
     result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output

@@ -80,7 +80,7 @@ from stochvi.scenes.scene import scene_from
 from stochvi.scenes.structures import Matrices
 from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases
-from support.known import values
+from support.known import changed, to_toml, values
 from support.pairs import diagonal
 from support.refusals import refusals
 from support.relays import RelayTwin
@@ -454,20 +454,8 @@ assert np.abs(one.displacement - other.displacement).max() < 1e-6
 print("followed")
 """
 
-SCENE_OF_ONE = """
-[structure]
-kind = "oscillator"
-mass = 1.0
-damping = 0.1
-stiffness = 1.0
-[[impact_pair]]
-lower = -1.0
-upper = 1.0
-law = { kind = "hunt-crossley", coefficient = 200.0, exponent = 1.4, loss = 0.3 }
-[[excitation]]
-kind = "white"
-intensity = 0.2
-"""
+LAW_OF_ONE = {"kind": "hunt-crossley", "coefficient": 200.0, "exponent": 1.4, "loss": 0.3}
+SCENE_OF_ONE = to_toml(changed(["impact_pair", 0, "law"], LAW_OF_ONE))
 
 SCENE_OF_SIX = """
 [structure]

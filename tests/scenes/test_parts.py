@@ -75,7 +75,7 @@ from stochvi.testing import assert_agrees
 from stochvi.verification.check import check, explain
 from stochvi.verification.cost import cost
 from support.known import DOCUMENT as DOCUMENT_OF_KNOWN
-from support.known import changed
+from support.known import changed, to_toml
 from support.refusals import refusals
 
 # ------------------------------------------------------------------------------
@@ -635,23 +635,11 @@ test_wrong_keys_are_named = refusals(
 # ------------------------------------------------------------------------------
 
 
-SCENE = """
-[structure]
-kind = "oscillator"
-mass = 1.0
-damping = 0.1
-stiffness = 1.0
-
-[[impact_pair]]
-lower = -1.0
-upper = 1.0
-law = { kind = "restitution", coefficient = 0.5 }
-upper_law = { kind = "restitution", coefficient = { mean = 0.7, std = 0.1 } }
-
-[[excitation]]
-kind = "white"
-intensity = 0.2
-"""
+LAWS = {
+    "law": {"kind": "restitution", "coefficient": 0.5},
+    "upper_law": {"kind": "restitution", "coefficient": {"mean": 0.7, "std": 0.1}},
+}
+SCENE = to_toml(changed(["impact_pair"], [{"lower": -1.0, "upper": 1.0} | LAWS]))
 
 
 def test_each_stop_may_have_its_own(tmp_path: Any) -> None:

@@ -865,12 +865,6 @@ def test_a_profile_is_a_table_with_a_source_in_the_unit_that_its_header_says(pro
     assert profile.source
 
 
-@pytest.mark.parametrize("path", sorted((data_folder() / "scenes").glob("*.toml")))
-def test_every_shipped_scene_is_valid_and_found_by_its_name(path: Path):
-    assert shipped_scene(path.stem) == path
-    assert load_scene(path).title
-
-
 def test_the_motion_of_the_tower_that_its_comment_states():
     path = shipped_scene("absorber-on-a-tower")
     stated = re.search(r"rms displacement without absorber about (\S+) m", path.read_text("utf-8"))

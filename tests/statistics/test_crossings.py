@@ -69,6 +69,7 @@ from stochvi.statistics.trial_splitting import pilot, repetition
 from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases, rel_errors, run_of
 from support.pairs import LAW, diagonal, pair, uncoupled
+from support.records import shock_shape
 
 # ------------------------------------------------------------------------------
 # First crossings of Gaussian responses, against a deterministic solver and crude counting.
@@ -937,15 +938,6 @@ NOISE = TabulatedNoise(
 )
 
 
-def formula(shape: str, time: Array) -> Array:
-    inside = (time >= 0.0) & (time <= 1.0)
-    return {
-        "half-sine": np.where(inside, np.sin(math.pi * time), 0.0),
-        "saw-tooth": np.where(inside, time, 0.0),
-        "trapezoid": np.where(inside, np.clip(np.minimum(time, 1.0 - time) / 0.1, 0.0, 1.0), 0.0),
-    }[shape]
-
-
 def responded(shape: str, duration: float, length: float, step: float) -> Array:
     """Displacement of the mass after a shock of 1 N, by Duhamel's integral at a fine step."""
     fine = step / 50.0
@@ -953,7 +945,7 @@ def responded(shape: str, duration: float, length: float, step: float) -> Array:
     wave = W * math.sqrt(1.0 - ZETA**2)
     kick = np.exp(-ZETA * W * time) * np.sin(wave * time) / (M * wave)
     size_ = 2 * len(time)
-    force = formula(shape, time / duration)
+    force = shock_shape(shape, time / duration)
     moved = np.fft.irfft(np.fft.rfft(force, size_) * np.fft.rfft(kick, size_))[: len(time)]
     return np.asarray(fine * moved[::50])
 

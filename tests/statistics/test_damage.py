@@ -77,6 +77,7 @@ from stochvi.statistics.histories import accelerations
 from stochvi.testing import assert_agrees
 from support import judges
 from support.commands import Run
+from support.known import to_toml
 
 TRUCK = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
 MOUNT = Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0)
@@ -1259,27 +1260,13 @@ def test_an_envelope_is_nowhere_below_and_more_breakpoints_bring_it_closer() -> 
 
 
 def test_the_command_writes_a_profile_that_a_scene_reads(stochvi: Run, tmp_path: Path) -> None:
-    (tmp_path / "mission.toml").write_text(
-        """
-        [structure]
-        kind = "isolator"
-        frequency_hz = 12.0
-        zeta = 0.1
-
-        [[excitation]]
-        kind = "psd"
-        profile = "mil-std-810h-truck-vertical-5hz"
-
-        [[phase]]
-        name = "road"
-        duration = "3h"
-
-        [[phase]]
-        name = "track"
-        duration = "10min"
-        level_db = 6
-        """
-    )
+    mount = {"structure": {"kind": "isolator", "frequency_hz": 12.0, "zeta": 0.1}}
+    phases = [
+        {"name": "road", "duration": "3h"}, {"name": "track", "duration": "10min", "level_db": 6}
+    ]  # fmt: skip
+    noise = {"kind": "psd", "profile": "mil-std-810h-truck-vertical-5hz"}
+    mission = mount | {"excitation": [noise], "phase": phases}
+    (tmp_path / "mission.toml").write_text(to_toml(mission))
     done = stochvi(
         "damage", tmp_path / "mission.toml", "--equipment", "20:500", "--test-duration", "1h",
         "--breakpoints", "6", "--out", tmp_path / "out", "--json", tmp_path / "found.json",
@@ -1287,18 +1274,8 @@ def test_the_command_writes_a_profile_that_a_scene_reads(stochvi: Run, tmp_path:
     assert done.code == 0
     assert "Random test of 1 h: 6 breakpoints of " in " ".join(done.out.split())
     test = json.loads((tmp_path / "found.json").read_text())["test"]
-    (tmp_path / "table.toml").write_text(
-        """
-        [structure]
-        kind = "isolator"
-        frequency_hz = 12.0
-        zeta = 0.1
-
-        [[excitation]]
-        kind = "psd"
-        file = "out/profile.csv"
-        """
-    )
+    noise = {"kind": "psd", "file": "out/profile.csv"}
+    (tmp_path / "table.toml").write_text(to_toml(mount | {"excitation": [noise]}))
     (noise,) = model_of(load_scene(tmp_path / "table.toml")).tables
     assert noise[0].density == pytest.approx(test["density"], rel=1e-6)
 

@@ -45,6 +45,7 @@ from support.accuracies import quick_cases
 from support.clocks import tick
 from support.commands import killed_at_its_first_sample
 from support.known import oscillator as between_stops
+from support.known import to_toml
 
 # ------------------------------------------------------------------------------
 # Spectra, impacts and reliability that go on: the digits of a run that never stopped.
@@ -55,21 +56,11 @@ CLOCK = ("cost", "seconds", "crude_seconds", "seconds_per_mission", "call")
 """Keys of documents that hold times and calls, which differ from run to run."""
 
 
-TOML = """
-structure = {kind = "oscillator", mass = 1.0, damping = 0.1, stiffness = 1.0}
-[[impact_pair]]
-lower = -1.0
-upper = 1.0
-law = {kind = "restitution", coefficient = 0.8}
-[[excitation]]
-kind = "white"
-intensity = 0.2
-"""
-"""The file of `oscillator()`."""
-
-
 def oscillator(restitution: float = 0.8) -> Scene:
     return between_stops(-1.0, 1.0, restitution)
+
+
+TOML = to_toml(oscillator().document())
 
 
 def truck() -> Scene:

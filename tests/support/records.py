@@ -60,6 +60,16 @@ def spoilt(kind: str, random: np.random.Generator) -> Vector:
     return a
 
 
+def shock_shape(shape: str, time: Vector) -> Vector:
+    """The shapes of shocks as a standard draws them, over their length."""
+    inside = (time >= 0.0) & (time <= 1.0)
+    return {
+        "half-sine": np.where(inside, np.sin(np.pi * time), 0.0),
+        "saw-tooth": np.where(inside, time, 0.0),
+        "trapezoid": np.where(inside, np.clip(np.minimum(time, 1.0 - time) / 0.1, 0.0, 1.0), 0.0),
+    }[shape]
+
+
 def write_uff(path: Path, *functions: tuple[int, str, np.ndarray, np.ndarray, str]) -> Path:
     """(function type, name, x, y, unit of y) each a dataset 58 of real doubles, uneven abscissa,
     laid out by the fixed columns of its definition, not by the library that reads it."""

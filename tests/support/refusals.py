@@ -9,7 +9,33 @@ from typing import Any
 
 import pytest
 
+from stochvi import (
+    average,
+    damage,
+    exact,
+    first_passage,
+    fokker_planck,
+    harmonic_response,
+    linearise,
+    reliability,
+    screen,
+    size,
+    transient,
+)
+from stochvi.isolators import bumper_map
 from stochvi.results.errors import SceneError
+
+OTHER_METHODS: tuple[Callable[[Any], object], ...] = (
+    exact, average, screen, fokker_planck, bumper_map,
+    lambda scene: damage(scene, mission=10.0),
+    lambda scene: linearise(scene, form="force"),
+    lambda scene: transient(scene, [1.0, 2.0]),
+    lambda scene: first_passage(scene, 10.0),
+    lambda scene: reliability(scene, mission=10.0),
+    lambda scene: size(scene, probability=0.01, mission=10.0),
+    lambda scene: harmonic_response(scene, [0.1, 0.2]),
+)  # fmt: skip
+"""Calculations that take no drive which `simulate` alone follows."""
 
 
 def refusals(

@@ -45,7 +45,16 @@ from stochvi.scenes import Hertz, NonlinearOscillator
 from stochvi.scenes.impact_laws import Law
 from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases
-from support.known import BENCH, NATURAL, RIGID_STOPS, RigidStops, oscillator, values
+from support.known import (
+    BENCH,
+    NATURAL,
+    RIGID_STOPS,
+    RigidStops,
+    changed,
+    oscillator,
+    to_toml,
+    values,
+)
 from support.refusals import refusals
 
 LOSSY_ROWS = [row for row in RIGID_STOPS if row.restitution < 1.0]
@@ -440,17 +449,8 @@ def test_equations_without_a_finite_solution_are_refused(monkeypatch: pytest.Mon
 
 def test_the_command_line_takes_what_gives_way_and_six_digits(tmp_path: Path) -> None:
     scene = tmp_path / "soft.toml"
-    scene.write_text(
-        """
-        structure = { kind = "oscillator", mass = 1.0, damping = 0.1, stiffness = 1.0 }
-        [[impact_pair]]
-        upper = 1.0
-        law = { kind = "elastic", stiffness = 100.0 }
-        [[excitation]]
-        kind = "white"
-        intensity = 0.2
-        """
-    )
+    pair = {"upper": 1.0, "law": {"kind": "elastic", "stiffness": 100.0}}
+    scene.write_text(to_toml(changed(["impact_pair"], [pair])))
     arguments = ["fokker-planck", str(scene), "--rtol", "1e-6", "--json", "-", "--quiet"]
     document = json.loads(CliRunner().invoke(main, arguments).stdout)
     share = document["impact_pairs"]["stops"]["contact_probability"]

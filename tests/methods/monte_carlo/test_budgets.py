@@ -52,6 +52,7 @@ from stochvi.scenes.datasets import shipped_scene, zoo_files
 from stochvi.scenes.excitations import ConstantLoad
 from stochvi.testing import assert_agrees
 from support.known import oscillator as oscillator_of_known
+from support.known import to_toml
 
 
 def plan_of(duration: float) -> Plan:
@@ -610,19 +611,7 @@ def test_what_is_no_executor_or_gives_no_answer_is_said() -> None:
         simulate(oscillator(), **ASKED, executor=executor)
 
 
-SCENE = """\
-[structure]
-kind = "oscillator"
-mass = 1.0
-damping = 0.1
-stiffness = 1.0
-[[impact_pair]]
-upper = 1.0
-law = { kind = "restitution", coefficient = 1.0 }
-[[excitation]]
-kind = "white"
-intensity = 0.2
-"""
+SCENE = to_toml(oscillator_of_known(None, 1.0).document())
 
 
 def interrupts(*arguments: object, **named: object) -> None:

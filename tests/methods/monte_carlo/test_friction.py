@@ -270,8 +270,9 @@ def test_records_counts_and_pages_know_only_the_pairs() -> None:
     "calculation", [linearise, exact, lambda scene: harmonic_response(scene, [0.1, 0.2])]
 )
 def test_other_methods_refuse_friction(calculation: Any) -> None:
-    with pytest.raises(NotApplicable, match=r"law\.friction must be 0, got 0\.3 at the lower"):
-        calculation(scene_of(0.3))
+    for scene in (scene_of(0.3), scene_of_of_contacts(Elastic(stiffness=400.0, friction=0.3))):
+        with pytest.raises(NotApplicable, match=r"law\.friction must be 0, got 0\.3 at the lower"):
+            calculation(scene)
 
 
 test_a_tangent_that_is_none_is_refused = refusals(
@@ -500,15 +501,6 @@ def test_tables_loads_and_statistics_go_beside_stops_that_rub() -> None:
     assert any("friction in a contact" in each for each in scene.assumptions())
     assert impacts(scene, paths=64, duration=60.0, seed=1).pairs["stops"].rates
     assert explain(scene).methods["simulate"] == "applies"
-
-
-@pytest.mark.parametrize(
-    "calculation",
-    [linearise, exact, lambda scene: harmonic_response(scene, [0.1])],
-)
-def test_other_methods_refuse_friction_contacts(calculation: Any) -> None:
-    with pytest.raises(NotApplicable, match=r"law\.friction must be 0, got 0\.3 at the lower"):
-        calculation(scene_of_of_contacts(Elastic(stiffness=400.0, friction=0.3)))
 
 
 def test_friction_needs_a_tangent() -> None:

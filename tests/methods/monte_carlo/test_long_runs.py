@@ -41,26 +41,15 @@ from stochvi.scenes.scene import ImpactPair, Scene, load_scene
 from stochvi.scenes.structures import Isolator
 from support.commands import killed_at_its_first_sample
 from support.known import oscillator as between_stops
+from support.known import to_toml
 from support.refusals import refusals
-
-SCENE = """\
-[structure]
-kind = "oscillator"
-mass = 1.0
-damping = 0.1
-stiffness = 1.0
-[[impact_pair]]
-lower = -1.0
-upper = 1.0
-law = { kind = "restitution", coefficient = 0.8 }
-[[excitation]]
-kind = "white"
-intensity = 0.2
-"""
 
 
 def oscillator(restitution: float = 0.8) -> Scene:
     return between_stops(-1.0, 1.0, restitution)
+
+
+SCENE = to_toml(oscillator().document())
 
 
 def digits(response: Response) -> dict[str, object]:

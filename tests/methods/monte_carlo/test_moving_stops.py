@@ -24,13 +24,10 @@ from stochvi import (
     TabulatedNoise,
     Viscoelastic,
     WhiteNoise,
-    average,
     damage,
     exact,
     explain,
-    first_passage,
     fokker_planck,
-    harmonic_response,
     history,
     impacts,
     linearise,
@@ -39,10 +36,8 @@ from stochvi import (
     simulate,
     size,
     spectrum,
-    transient,
 )
 from stochvi.isolators import bumper_map
-from stochvi.mathematics.spectra import FilteredChange
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal_tables import streams_of_block
@@ -50,12 +45,12 @@ from stochvi.methods.monte_carlo.synthesis import MOST_BLOCKS
 from stochvi.model.model import model_of
 from stochvi.scenes import Modulation, Sine
 from stochvi.testing import assert_agrees
-from support.modulated import S0
+from support.modulated import S0, mean_squares
 from support.modulated import B as B_OF_MODULATED
 from support.modulated import M as M_OF_MODULATED
 from support.modulated import W as W_OF_MODULATED
 from support.modulated import scene_of as scene_of_of_modulated
-from support.refusals import refusals
+from support.refusals import OTHER_METHODS, refusals
 
 M, B, W, R = 2.0, 0.3, 2.0, 0.7
 STOPS = [ImpactPair(lower=-0.8, upper=1.0, law=Restitution(coefficient=R))]
@@ -517,29 +512,11 @@ def test_a_sine_that_modulates_has_the_mean_squares_of_its_covariance(of: str) -
 def test_filtered_noise_that_modulates_has_the_mean_squares_of_its_equations() -> None:
     """Moments times Hermite polynomials of the filter follow linear equations."""
     modulation = Modulation(of="stiffness", intensity=0.08, frequency_hz=0.6, zeta=0.4)
-    assert modulation.filter is not None
-    system = np.array(
-        [
-            [0.0, 2.0, 0.0],
-            [-(W_OF_MODULATED**2), -B_OF_MODULATED, 1.0],
-            [0.0, -2.0 * W_OF_MODULATED**2, -2.0 * B_OF_MODULATED],
-        ]
-    )
-    change = np.array(
-        [[0.0, 0.0, 0.0], [-(W_OF_MODULATED**2), 0.0, 0.0], [0.0, -2.0 * W_OF_MODULATED**2, 0.0]]
-    )
-    generator, size = FilteredChange(change, *modulation.filter).operators(24)
-    whole = (
-        np.kron(np.eye(len(size)), system) + np.kron(size.T, change)
-        + np.kron(generator.T, np.eye(3))
-    )  # fmt: skip
-    source = np.zeros(len(whole))
-    source[2] = S0 / M_OF_MODULATED**2
-    known = np.linalg.solve(whole, -source)
+    known = mean_squares(modulation)
     found = squares(scene_of_of_modulated(modulation))
-    for estimate, value in zip(found, (known[0], known[2]), strict=True):
-        assert_agrees(estimate, float(value))
-    assert known[2] > 1.1 * S0 / M_OF_MODULATED**2 / (2.0 * B_OF_MODULATED)
+    for estimate, value in zip(found, known, strict=True):
+        assert_agrees(estimate, value)
+    assert known[1] > 1.1 * S0 / M_OF_MODULATED**2 / (2.0 * B_OF_MODULATED)
 
 
 def test_a_spring_between_coordinates_is_modulated() -> None:
@@ -785,19 +762,7 @@ def test_explain_names_modulations() -> None:
         assert "structure.damping must be constant, got a modulation" in found.methods[method]
 
 
-@pytest.mark.parametrize(
-    "calculation",
-    [
-        exact, average, screen, linearise, fokker_planck, bumper_map,
-        lambda scene: damage(scene, mission=10.0),
-        lambda scene: linearise(scene, form="force"),
-        lambda scene: transient(scene, [1.0, 2.0]),
-        lambda scene: first_passage(scene, 10.0),
-        lambda scene: reliability(scene, mission=10.0),
-        lambda scene: size(scene, probability=0.01, mission=10.0),
-        lambda scene: harmonic_response(scene, [0.1, 0.2]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("calculation", [*OTHER_METHODS, linearise])
 def test_other_methods_refuse_modulations(calculation: Any) -> None:
     modulation = Modulation(of="stiffness", amplitude=0.5, frequency_hz=1.0)
     mount = Isolator(

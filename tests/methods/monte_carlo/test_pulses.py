@@ -31,27 +31,19 @@ from stochvi import (
     TabulatedNoise,
     Viscoelastic,
     WhiteNoise,
-    average,
     check,
     damage,
     exact,
     explain,
-    first_passage,
-    fokker_planck,
     growth,
-    harmonic_response,
     history,
     impacts,
     linearise,
-    reliability,
     replay,
     screen,
     simulate,
-    size,
     spectrum,
-    transient,
 )
-from stochvi.isolators import bumper_map
 from stochvi.mathematics.numerics import gauss_panels
 from stochvi.mathematics.unsteady_noise import SHAPES, PulseShape
 from stochvi.methods.monte_carlo.choose_plan import make_plan, plan_histories
@@ -60,7 +52,8 @@ from stochvi.model.model import model_of
 from stochvi.scenes import CrossDensity, DriveFunction, Modulation, Pulses, RecordedNoise
 from stochvi.testing import assert_agrees
 from support import naive
-from support.refusals import refusals
+from support.records import shock_shape
+from support.refusals import OTHER_METHODS, refusals
 
 M, B, W = 2.0, 0.3, 2.0
 MASS: dict[str, float] = {"mass": M, "damping": M * B, "stiffness": M * W**2}
@@ -483,19 +476,7 @@ def test_linearise_answers_where_white_noise_is_the_same() -> None:
             linearise(scene)
 
 
-@pytest.mark.parametrize(
-    "calculation",
-    [
-        exact, average, screen, fokker_planck, bumper_map, growth,
-        lambda scene: damage(scene, mission=10.0),
-        lambda scene: linearise(scene, form="force"),
-        lambda scene: transient(scene, [1.0, 2.0]),
-        lambda scene: first_passage(scene, 10.0),
-        lambda scene: reliability(scene, mission=10.0),
-        lambda scene: size(scene, probability=0.01, mission=10.0),
-        lambda scene: harmonic_response(scene, [0.1, 0.2]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("calculation", [*OTHER_METHODS, growth])
 def test_other_methods_refuse_pulses(calculation: Any) -> None:
     scene = Scene(
         structure=Isolator(**MASS), impact_pairs=STOPS,
@@ -708,16 +689,6 @@ def shaken_of_shocks(*excitations: Any, pairs: Any = ()) -> Scene:
     return Scene(structure=MASS_OF_SHOCKS, impact_pairs=list(pairs), excitations=excitations)
 
 
-def formula(shape: str, time: Array) -> Array:
-    """The shapes as a standard draws them, over their length."""
-    inside = (time >= 0.0) & (time <= 1.0)
-    return {
-        "half-sine": np.where(inside, np.sin(math.pi * time), 0.0),
-        "saw-tooth": np.where(inside, time, 0.0),
-        "trapezoid": np.where(inside, np.clip(np.minimum(time, 1.0 - time) / 0.1, 0.0, 1.0), 0.0),
-    }[shape]
-
-
 def responded(force: Array, step: float) -> Array:
     """Displacement of the mass under a force, by Duhamel's integral."""
     time = step * np.arange(len(force))
@@ -731,7 +702,7 @@ def responded(force: Array, step: float) -> Array:
 def test_the_transform_of_a_shape_is_its_integral(shape: str) -> None:
     pulse, time = PulseShape(SHAPES[shape], 0.02), np.linspace(0.0, 1.0, 400_001)
     for omega in (0.0, 50.0, 400.0, 1500.0):
-        wave = formula(shape, time) * np.exp(-1j * omega * 0.02 * time)
+        wave = shock_shape(shape, time) * np.exp(-1j * omega * 0.02 * time)
         whole = 0.02 * np.trapezoid(wave, time)
         found = pulse.transform(np.array([omega]))[0]
         assert abs(found - whole) < 3e-3 * pulse.area  # a tooth falls within a 400th
@@ -753,7 +724,7 @@ def test_a_linear_response_has_the_moments_of_campbell_shocks(shape: str) -> Non
     step = 1e-4
     time = np.arange(0.0, 6.0, step)
     assert pulses.shock is not None
-    moved = responded(30.0 * formula(shape, time / pulses.shock.duration), step)
+    moved = responded(30.0 * shock_shape(shape, time / pulses.shock.duration), step)
     kappa = [
         pulses.rate * pulses.relative_moment(n) * float(np.trapezoid(moved**n, dx=step))
         for n in (1, 2, 3, 4)
@@ -800,7 +771,7 @@ def test_a_shock_alone_is_that_of_a_replayed_record(tmp_path: Path) -> None:
     structure = Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0)
     fs, length, peak = 20_000.0, 0.011, 150.0
     time = np.arange(round(10.0 * fs)) / fs
-    values = peak * formula("half-sine", (time - 0.1) / length)
+    values = peak * shock_shape("half-sine", (time - 0.1) / length)
     np.savetxt(tmp_path / "shock.txt", values - values.mean())
     record = RecordedNoise(file=str(tmp_path / "shock.txt"), unit="m/s2", fs=fs)
     alone = replay(Scene(structure=structure, excitations=[record])).coordinates["x"]

@@ -36,7 +36,6 @@ from stochvi.engine.arithmetic import (
     first_upward_root,
 )
 from stochvi.mathematics.spectra import (
-    FilteredChange,
     bin_variances,
     response_moments,
     squared_gain,
@@ -55,7 +54,7 @@ from stochvi.scenes.impact_laws import Elastic, Law, Viscoelastic
 from stochvi.scenes.scene import scene_from
 from stochvi.testing import assert_agrees
 from support.known import values
-from support.modulated import S0, B, M, W, scene_of
+from support.modulated import S0, B, M, W, mean_squares, scene_of
 from support.mounts import COMPANY, MOUNT, TRUCK, bumpered_mount, isolator
 from support.naive import held_force, held_force_with_contacts, response_domain
 from support.refusals import refusals
@@ -761,31 +760,10 @@ def flat(of: str, intensity: float, highest: float) -> Modulation:
     return Modulation(of=of, frequency_hz=[1e-3, highest], density=[density, density])
 
 
-def mean_squares(of: str) -> tuple[float, float]:
-    """E x^2 and E v^2 under filtered noise, by moments times Hermite polynomials of the filter."""
-    modulation = Modulation(of=of, **FILTERED)
-    assert modulation.filter is not None
-    system = np.array([[0.0, 2.0, 0.0], [-(W**2), -B, 1.0], [0.0, -2.0 * W**2, -2.0 * B]])
-    change = np.zeros((3, 3))
-    if of == "stiffness":
-        change[1, 0], change[2, 1] = -(W**2), -2.0 * W**2
-    else:
-        change[1, 1], change[2, 2] = -B, -2.0 * B
-    generator, size = FilteredChange(change, *modulation.filter).operators(24)
-    whole = (
-        np.kron(np.eye(len(size)), system) + np.kron(size.T, change)
-        + np.kron(generator.T, np.eye(3))
-    )  # fmt: skip
-    source = np.zeros(len(whole))
-    source[2] = S0 / M**2
-    found = np.linalg.solve(whole, -source)
-    return float(found[0]), float(found[2])
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("of", ["stiffness", "damping"])
 def test_a_table_of_filtered_noise_has_the_mean_squares_of_its_equations(of: str) -> None:
-    known = mean_squares(of)
+    known = mean_squares(Modulation(of=of, **FILTERED))
     found = simulate(scene_of(table_of(of, **FILTERED)), paths=512, duration=200.0, seed=5)
     for balance in found.identities.values():
         assert_agrees(balance, 0.0)

@@ -133,22 +133,33 @@ def integrated(a: Vector, gap: float, law: Law, lower: bool = True) -> tuple[Vec
         clear.terminal = True  # type: ignore[attr-defined]
         return clear
 
+    def struck(now: float, state: Vector) -> tuple[float, Vector]:
+        if isinstance(law, Restitution):
+            place = np.sign(state[0]) * gap * (1.0 - 1e-15)
+            return now, np.array([place, -law.coefficient * state[1]])
+        # past the touch, or the same event ends the next part
+        return now + 1e-12, state + 1e-12 * np.array(rate(now, state))
+
     events = [event(1.0), *([event(-1.0)] if lower else [])]
-    state, hits, found = np.zeros(2), 0, [0.0]
+    return from_touch_to_touch(times, np.zeros(2), rate, events, struck)
+
+
+def from_touch_to_touch(
+    times: Vector, state: Vector, rate: Callable[..., Any], events: Any, struck: Callable[..., Any]
+) -> tuple[Vector, int]:
+    """x at the times and the number of touches, by an integrator that ends at each."""
+    hits, found = 0, [state[0]]
     for begin, end in pairwise(times):
         now = begin
         while now < end:
-            part = solve_ivp(rate, (now, end), state, "DOP853", events=events, rtol=1e-11,
-                             atol=1e-14)  # fmt: skip
+            part = solve_ivp(
+                rate, (now, end), state, "DOP853", events=events, rtol=1e-11, atol=1e-14
+            )
             now, state = part.t[-1], part.y[:, -1]
             if part.status == 1:
                 hits += 1
                 assert hits < 200
-                if isinstance(law, Restitution):
-                    state = np.array([np.sign(state[0]) * gap * (1.0 - 1e-15), -state[1]])
-                    state[1] *= law.coefficient
-                else:  # past the touch, or the same event ends the next part
-                    now, state = now + 1e-12, state + 1e-12 * np.array(rate(now, state))
+                now, state = struck(now, state)
         found.append(state[0])
     return np.array(found), hits
 
@@ -355,18 +366,11 @@ def test_two_masses_between_stops(tmp_path: Path) -> None:
         return abs(s[0]) - gap
 
     wall.direction, wall.terminal = 1.0, True  # type: ignore[attr-defined]
-    state, truth, hits = np.zeros(4), [0.0], 0
-    for begin, end in pairwise(times):
-        now = begin
-        while now < end:
-            part = solve_ivp(rate, (now, end), state, "DOP853", events=wall, rtol=1e-10,
-                             atol=1e-13)  # fmt: skip
-            now, state = part.t[-1], part.y[:, -1]
-            if part.status == 1:
-                hits += 1
-                assert hits < 200
-                state[0], state[2] = np.sign(state[0]) * gap * (1 - 1e-15), -state[2]
-        truth.append(state[0])
+
+    def struck(now: float, s: Vector) -> tuple[float, Vector]:
+        return now, np.array([np.sign(s[0]) * gap * (1 - 1e-15), s[1], -s[2], s[3]])
+
+    truth, hits = from_touch_to_touch(times, np.zeros(4), rate, wall, struck)
     found = replay(scene)
     apart = np.abs(samples_of(found, "box") - truth)
     assert apart.max() < 1e-6 * gap

@@ -34,6 +34,7 @@ from stochvi.model.model import model_of
 from stochvi.scenes import BoucWen, Coulomb, Duffing, Hertz
 from stochvi.scenes.impact_laws import Law
 from support.commands import Run, one_document
+from support.known import to_toml
 from support.rubbing import ContactByEvents, small_steps
 
 FS = 400.0
@@ -344,27 +345,12 @@ def test_answers_in_steps_say_so(tmp_path: Path, stochvi: Run) -> None:
 def test_the_command_follows_a_mount_of_rubber_in_steps(tmp_path: Path, stochvi: Run) -> None:
     np.savetxt(tmp_path / "road.txt", push(TIMES))
     scene = tmp_path / "mount.toml"
-    scene.write_text(
-        """
-        [structure]
-        kind = "isolator"
-        frequency_hz = 0.3
-        zeta = 0.05
-        mass = 2.0
-        [structure.spring]
-        kind = "duffing"
-        cubic_stiffness = 3.0
-        [[impact_pair]]
-        lower = -0.4
-        upper = 0.4
-        law = { kind = "restitution", coefficient = 0.7 }
-        [[excitation]]
-        kind = "record"
-        file = "road.txt"
-        unit = "m/s2"
-        fs = 400
-        """
-    )
+    spring = {"kind": "duffing", "cubic_stiffness": 3.0}
+    mount = {"kind": "isolator", "frequency_hz": 0.3, "zeta": 0.05, "mass": 2.0, "spring": spring}
+    stops = {"lower": -0.4, "upper": 0.4, "law": {"kind": "restitution", "coefficient": 0.7}}
+    road = {"kind": "record", "file": "road.txt", "unit": "m/s2", "fs": 400}
+    document = {"structure": mount, "impact_pair": [stops], "excitation": [road]}
+    scene.write_text(to_toml(document))
     found = stochvi("replay", str(scene), "--json", "-", "--out", str(tmp_path / "out"))
     assert found.code == 0
     document = one_document(found.out)
