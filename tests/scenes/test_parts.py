@@ -553,12 +553,13 @@ def moving(random: np.random.Generator, samples: int, band: dict[str, Any]) -> n
     [(0.0143, BAND, 24), (0.0098, {"from_hz": 9.0, "to_hz": 16.0, "amplitude": 4.0}, 24)],
     ids=["band", "sine"],
 )
+@pytest.mark.parametrize("number", [300, pytest.param(1200, marks=pytest.mark.verify)])
 def test_the_chance_of_any_hit_is_that_of_missions_through_which_it_moves(
-    clearance: float, band: dict[str, Any], steps: int
+    clearance: float, band: dict[str, Any], steps: int, number: int
 ) -> None:
     scene = swept(clearance, moving=[band], steps=steps)
     found = reliability(scene, seed=1, rel_error=0.1).chances["hit"].estimate
-    random, number = np.random.default_rng(4), 1200
+    random = np.random.default_rng(4)
     samples, ends = round(70.0 * RATE), round(5.0 * RATE)
     hit = []
     for _ in range(number):

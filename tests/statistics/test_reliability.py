@@ -850,9 +850,21 @@ def test_limits_of_the_sums_of_speeds_hold() -> None:
 def test_damage_without_an_impact_names_no_ratio(stochvi: Run, tmp_path: Path) -> None:
     """What was not seen is not in the damage: no sentence compares it; the exit code is 1."""
     file = tmp_path / "far.toml"
-    far = truck(4.0, 4.0, Viscoelastic(stiffness=2e5, damping_ratio=0.11))
-    pair = far.impact_pairs[0].replace(lower=-0.1, upper=0.1)
-    file.write_text(to_toml(far.replace(impact_pairs=[pair]).document()))
+    file.write_text(
+        """
+        [structure]
+        kind = "isolator"
+        frequency_hz = 12.0
+        zeta = 0.1
+        mass = 1.0
+        [[impact_pair]]
+        clearance = 0.1
+        law = { kind = "viscoelastic", stiffness = 2e5, damping_ratio = 0.11 }
+        [[excitation]]
+        kind = "psd"
+        profile = "mil-std-810h-truck-vertical-5hz"
+        """
+    )
     asked = ("--mission", "60", "--equipment", "40:80:2", "--rel-error", "0.5")
     ended = stochvi("damage", file, *asked, "--way", "simulation", "--out", tmp_path / "out")
     assert ended.code == 1 and "no impact was seen" in ended.err and "ask reliability" in ended.err
