@@ -506,9 +506,11 @@ class ModalPlan(Plan):
 
     @property
     def _heights(self) -> dict[str, int]:
-        """Number of rows by what they hold, in the order of the kernel: moments, pairs, motions
-        along stops, moments of accelerations, functions, statistics, three products of noise of
-        each crossing of modes, and moments and passages of the motion without stops."""
+        """Number of rows by what they hold, in the order of the kernel.
+
+        A crossing of modes has three products of noise. The last ones belong to a motion without
+        stops that is synthesised.
+        """
         n, of_pair = self.modes.size, len(self.sums_of_pair)
         return {
             "moments": n * (n + 2),
@@ -1526,8 +1528,10 @@ class Aloft(NamedTuple):
 
 
 class Flight:
-    """Paths first_path, first_path + 1, ... of a plan that go on from a motion of their own, piece
-    by piece, each in noise of its own."""
+    """Paths of a plan that go on from a motion of their own, piece by piece.
+
+    `first_path` is the number of the first one, by which each has noise of its own.
+    """
 
     def __init__(self, plan: ModalPlan, at: Aloft, seed: int, first_path: int) -> None:
         self.plan, self.motion, self.blocks, self.sample = plan, at.motion, at.blocks, at.sample
