@@ -30,6 +30,7 @@ from stochvi.results.base import (
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import (
     Estimate,
+    combined,
     mean_and_error,
     provenance,
     student_factor,
@@ -916,15 +917,8 @@ def _absorbed(model: Model, response: Response) -> Estimate | None:
     damped = _sum(dissipation)
     supplied = loss.value + damped.value
     share = loss.value / supplied
-    error = (
-        math.hypot((1.0 - share) * loss.standard_error, share * damped.standard_error) / supplied
-    )
-    return Estimate(
-        value=share,
-        standard_error=error,
-        bias=((loss.bias or 0.0) + share * (damped.bias or 0.0)) / supplied,
-        how=loss.how,
-    )
+    slopes = [(1.0 - share) / supplied, share / supplied]
+    return combined(share, slopes, [loss, damped], how=loss.how)
 
 
 def _mean_peak(found: Sequence[PairResponse]) -> Estimate | None:

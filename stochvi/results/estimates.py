@@ -650,7 +650,7 @@ def combined(value: Any, slopes: Any, parts: Sequence[Known], **more: Any) -> Kn
     >>> combined(4.0, [1.0, 2.0], parts)
     4.00(30), bias up to 0.5 []
     """
-    slopes, biases = np.asarray(slopes), [each.bias for each in parts]
+    slopes, biases = np.abs(slopes), [each.bias for each in parts]
     error = np.linalg.norm(slopes * np.array([each.standard_error for each in parts]), axis=0)
     known = all(bias is not None for bias in biases)
     bias = np.sum(slopes * np.abs(np.array(biases)), axis=0) if known else None

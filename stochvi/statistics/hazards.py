@@ -67,6 +67,17 @@ class Hazard(NamedTuple):
         return cls(value, half, half)
 
     @property
+    def chances(self) -> tuple[float, float, float]:
+        """The probability with the ends of its interval, bias left out.
+
+        >>> [round(each, 3) for each in Hazard.of(0.5, 0.25, 0.75).chances]
+        [0.5, 0.25, 0.75]
+        """
+        ends = self.value, max(self.value - self.below, 0.0), self.value + self.above
+        chance, lower, upper = (-math.expm1(-each) for each in ends)
+        return chance, lower, upper
+
+    @property
     def half(self) -> float:
         """Half of the interval, upwards, with the bias."""
         return self.above + self.bias

@@ -32,7 +32,7 @@ from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody
 from stochvi.scenes.validation import in_toml, moved
-from stochvi.statistics.crossings import own_distances
+from stochvi.statistics.crossings import own_distances, rice_rate
 from stochvi.statistics.damage import Damage
 from stochvi.statistics.hardness import hardness_of
 from stochvi.statistics.trial_splitting import without_peaks
@@ -109,7 +109,7 @@ def _chances(moved: Sequence[MovingMean], stops: Matrix, mission: float) -> Vect
     """Probability that each pair is hit in the mission, stops (2, pairs) at distances from the
     mean, m: 1 where one of them lies beyond it."""
     crossings = [
-        mission * sum(motion.rate(max(float(each), 0.0)) for each in own) if motion.place else 0.0
+        mission * rice_rate([motion], own[:, None])
         for motion, own in zip(moved, stops.T, strict=True)
     ]
     return np.where(np.any(stops < 0.0, axis=0), 1.0, -np.expm1(-np.array(crossings)))

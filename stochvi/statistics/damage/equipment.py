@@ -31,6 +31,7 @@ from stochvi.results.estimates import (
     GAUSSIAN_95,
     TOO_FEW,
     Estimate,
+    combined,
     format_with_error,
     jackknife_error,
     reach,
@@ -229,9 +230,7 @@ class SpectrumValues:
 def ratio_of(above: SpectrumValues, below: SpectrumValues) -> SpectrumValues:
     """Ratio of two independent quantities."""
     value = above.value / below.value
-    errors = np.hypot(above.standard_error / above.value, below.standard_error / below.value)
-    biases = above.bias / above.value + below.bias / below.value
-    return SpectrumValues.of(value, value * errors, value * biases)
+    return combined(value, [1.0 / below.value, value / below.value], [above, below])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -42,6 +42,7 @@ from stochvi.sampling.calculations import KINDS, AccuracyOptions
 from stochvi.sampling.run import Run
 from stochvi.scenes.phases import Phase, steps_of_bands
 from stochvi.scenes.scene import Scene
+from stochvi.statistics.crossings import own_distances, rice_rate
 from stochvi.statistics.hardness import HardestImpact, hardness_of
 from stochvi.statistics.hazards import CERTAIN, Hazard, joined
 from stochvi.statistics.mission_parts import (
@@ -206,6 +207,11 @@ class GapRisk:
     probability: float = stated("probability", "1", MISSING)
     at_least: float = stated("at least", "1", MISSING)
     at_most: float = stated("at most", "1", MISSING)
+
+    @property
+    def hazard(self) -> Hazard:
+        """That of a contact, between bounds."""
+        return Hazard.of(self.probability, self.at_least, self.at_most, bounded=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -442,19 +448,17 @@ def crossings_of(model: Model) -> Callable[[float], tuple[float, float]]:
     motion = free_motion(model, with_sines=True)
     rows = np.array([pair.direction for pair in model.pairs]).reshape(len(model.pairs), -1)
     means = rows @ motion.modes.shapes @ (motion.modes.rest + motion.law.mean)
-    gaps = motion.moving_means(rows)
+    gaps, stops = motion.moving_means(rows), np.array(own_distances(model, means))
 
     def of_gain(gain: float) -> tuple[float, float]:
-        rate = outside = 0.0
-        for pair, mean, gap in zip(model.pairs, means, gaps, strict=True):
-            louder = replace(gap, place=gain * gap.place, speed=gain * gap.speed)
-            for stop, side in ((pair.lower, -1.0), (pair.upper, 1.0)):
-                if stop is None or not gap.place > 0.0:
-                    continue
-                away = side * (stop.position - mean)
-                rate += louder.rate(max(away, 0.0))
-                outside += louder.beyond(away)
-        return rate, outside
+        louder = [replace(each, place=gain * each.place, speed=gain * each.speed) for each in gaps]
+        outside = sum(
+            gap.beyond(away)
+            for own in stops.tolist()
+            for gap, away in zip(louder, own, strict=True)
+            if gap.place and math.isfinite(away)
+        )
+        return rice_rate(louder, stops), outside
 
     return of_gain
 
@@ -529,12 +533,11 @@ def _gaps_together(phases: Sequence[Mapping[str, GapRisk]]) -> dict[str, GapRisk
     found = {}
     for name in phases[0] if all(phases) else ():
         each = [phase[name] for phase in phases]
-        kept = {
-            key: 1.0 - math.prod(1.0 - getattr(one, key) for one in each)
-            for key in ("probability", "at_least", "at_most")
-        }
-        worst = max(each, key=lambda one: one.crossings)
-        found[name] = replace(worst, crossings=math.fsum(one.crossings for one in each), **kept)
+        chance, low, high = joined({str(k): one.hazard for k, one in enumerate(each)}).chances
+        found[name] = replace(
+            max(each, key=lambda one: one.crossings), probability=chance, at_least=low,
+            at_most=high, crossings=math.fsum(one.crossings for one in each),
+        )  # fmt: skip
     order = sorted(found, key=lambda name: (-found[name].probability, -found[name].crossings))
     return {name: found[name] for name in order}
 
@@ -577,16 +580,16 @@ def joint_chance(
         for name, one in chances.items()
     }
     whole = joined(parts, steps, lags)
-    hazard, above = whole.value, -math.expm1(-(whole.value + whole.above))
+    hazard, (chance, lower, above) = whole.value, whole.chances
     kept = np.exp([one.value - hazard for one in parts.values()])  # no other phase brings the event
-    estimate = combined(-math.expm1(-hazard), kept, [one.estimate for one in each], how=TOGETHER)
+    estimate = combined(chance, kept, [one.estimate for one in each], how=TOGETHER)
     if estimate.bias is not None:
         estimate = replace(estimate, bias=estimate.bias + whole.bias * math.exp(-hazard))
     worst = max(parts, key=lambda name: parts[name].value)
     return Chance(
         event=each[0].event, limit=each[0].limit, confidence=min(one.confidence for one in each),
         estimate=replace(estimate, upper_95=None if estimate.value else above),
-        lower=-math.expm1(-max(hazard - whole.below, 0.0)), upper=above, way="phases",
+        lower=lower, upper=above, way="phases",
         rule="square roots of sums of squares of the half widths of the hazards of the phases",
         why=f"phase {worst} has {100.0 * parts[worst].value / hazard:.3g} % of the risk"
         if hazard > 0.0
