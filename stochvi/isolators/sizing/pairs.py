@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from stochvi.isolators.screening import at_clearances
 from stochvi.isolators.sizing.answer import (
     NO_PAIR,
     Clearance,
@@ -145,23 +144,15 @@ class OneCurve(Family):
         share = 1.0 - SEARCH.share_of_hits if job.impacts else 1.0
         self.curve = risk_curve(job.scene, job.target, job.mission, job.part(share))
         job.check_crossings(self.curve.crossings)
-        self.paths = self.curve.crossings.ages.shape[3]
+        self.paths, self.motions = self.curve.crossings.ages.shape[3], [self.curve.motion]
         self.names = [pair.name for pair in self.model.pairs] or [NO_PAIR]
         self.deviation = self.curve.sigma
         self.sigma = np.array([self.deviation])
         self.three_sigma_place = 3.0 * self.deviation
 
-    def scene_at(self, place: float) -> Scene:
-        """The scene with its stops at a clearance."""
-        return at_clearances(self.scene, place)
-
     def first_rate(self, place: float) -> tuple[float, float]:
         """Limiting rate of first impacts, and the time for which a cluster is followed."""
         return self.curve.first_rate(place), WINDOWS * self.curve.crossings.horizon
-
-    def words(self, place: float) -> str:
-        """A clearance in words."""
-        return f"{1e3 * place:.4g} mm"
 
     def coordinate(self, place: float) -> float:
         """The square of a clearance."""
@@ -192,10 +183,6 @@ class OneCurve(Family):
         """The clearance, under the name of its pair."""
         lower = max(found.lower, 0.0)
         return {self.names[0]: Clearance(value=found.place, lower=lower, upper=found.upper)}
-
-    def rice_rate(self, place: float) -> float:
-        """Rice's rate of both stops."""
-        return self.curve.rice_rate(place)
 
     def alone(self, place: float) -> Vector:
         """The probability of the curve."""
@@ -285,7 +272,7 @@ class OneCurve(Family):
         motion."""
         assert self.target.exceedance is not None
         found = chance_in_windows(
-            at_clearances(self.scene, place), self.target.name, self.target.value, self.mission,
+            self.scene_at(place), self.target.name, self.target.value, self.mission,
             accepted=self.target.exceedance, **self.job.part(SEARCH.share_of_windows).options(),
         )  # fmt: skip
         if found is not None:
@@ -462,6 +449,7 @@ class SharedRisk(Family):
         if pressed:
             raise NotApplicable("size", pressed)
         self.motion = PairMotion(self.model)
+        self.motions = self.motion.motions
         self.sigma, self.speed = self.motion.displacement_std, self.motion.velocity_std
         if still := unshaken({self.names[k]: self.sigma[k] for k in self.sized}):
             raise NotApplicable("size", still)
@@ -478,10 +466,6 @@ class SharedRisk(Family):
         self.given, self.alone_of_fixed = self._as_given()
         self.total = HazardCurve.of(-np.log(self.risks[::-1]), self.chances[::-1], self.mission)
 
-    def scene_at(self, place: float) -> Scene:
-        """The scene with its stops where each sized pair alone has a risk."""
-        return at_clearances(self.scene, self._stops_of_risk(math.exp(-place)))
-
     def first_rate(self, place: float) -> tuple[float, float]:
         """Limiting rate of first impacts, logarithmic between the risks looked at, and the time for
         which a cluster is followed."""
@@ -493,16 +477,6 @@ class SharedRisk(Family):
         """Logarithms of the limiting rates of first impacts at the risks looked at."""
         rates = [each.value for each in self.together.first_rate()[: len(self.risks)]]
         return np.asarray(np.log(np.maximum(rates, np.finfo(float).tiny)))
-
-    def length(self, place: float) -> float:
-        """The clearance of the first sized pair, m."""
-        return self._clearance(0, math.exp(-place))
-
-    def words(self, place: float) -> str:
-        """The smallest and the largest of the clearances, in words."""
-        found = [self._clearance(n, math.exp(-place)) for n in range(len(self.sized))]
-        ends = dict.fromkeys(f"{1e3 * each:.4g}" for each in (min(found), max(found)))
-        return f"{' to '.join(ends)} mm"
 
     def keeping(self, probability: float) -> Reached:
         """The place of the risk that keeps a probability of any impact."""
@@ -607,10 +581,6 @@ class SharedRisk(Family):
             for name, value in middle.items()
         }
 
-    def rice_rate(self, place: float) -> float:
-        """Rice's rate of the stops of all pairs."""
-        return rice_rate(self.motion.motions, self.stops(place))
-
     def alone(self, place: float) -> Vector:
         """The risk of the place; that of the stops of the scene for pairs that are not sized."""
         found = np.empty(len(self.names))
@@ -676,7 +646,7 @@ class SharedRisk(Family):
         """The probability that a pair is hit, if it alone had stops, against their distance."""
         step = 0.4 / len(self.sized)
         self.job.stage(step * number, step * (number + 1), self.names[k])
-        motion = self.motion.motions[k]
+        motion = self.motions[k]
         # rates of one stop of two at which the pair is crossed so often in a mission, or in a cycle
         exposed = 2.0 * max(self.mission, 1.0 / motion.rate(0.0))
         most, least = CLUSTERED * ROOM * float(self._hazards[-1]), 0.1 * self._least_risk
@@ -773,7 +743,7 @@ class SharedRisk(Family):
             clearance=3.0 * float(self.sigma[self.sized].max()),
             probability=self.at_three_sigma,
             first_hits=self.together.first_rate()[-1] * self.mission,
-            rice_hits=rice_rate(self.motion.motions, self._stops(3.0 * self.sigma)) * self.mission,
+            rice_hits=rice_rate(self.motions, self._stops(3.0 * self.sigma)) * self.mission,
         )
 
     @property

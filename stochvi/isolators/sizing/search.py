@@ -4,16 +4,17 @@ the answer."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stochvi.isolators.screening import screened
+from stochvi.isolators.screening import at_clearances, screened
 from stochvi.isolators.sizing.answer import SIDES, Question, Sizing
 from stochvi.isolators.tolerances import Tolerances
 from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.model.coverage import scene_notes
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Overdue
@@ -22,7 +23,7 @@ from stochvi.results.estimates import TOO_FEW, Estimate, provenance, spoken_perc
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.clusters import FAR, ImpactCounts, chance_of, count_impacts, is_far
-from stochvi.statistics.crossings import MISSED, CrossingAges, largest_error
+from stochvi.statistics.crossings import MISSED, CrossingAges, largest_error, rice_rate
 from stochvi.statistics.rare_hits import rare_hits
 
 if TYPE_CHECKING:
@@ -286,7 +287,7 @@ class TriedPlaces:
 class Family:
     """Stops that go farther as one number, the place, rises, and how the risk of their gaps is
     known: by the curve of one gap (`OneCurve`), or shared between the gaps of a structure
-    (`SharedRisk`). A family answers as these two do; here is what most have in common."""
+    (`SharedRisk`). A family answers as these two do; here is what they have in common."""
 
     three_sigma_place: float | None = None
     """The place of the rule of three sigma, where it is one."""
@@ -296,6 +297,36 @@ class Family:
     """Fraction done at the beginning of the search, and at its end."""
     outputs: tuple[str, ...] | None = None
     """Names of the outputs whose accelerations are limited; None for all."""
+    scene: Scene
+    motions: Sequence[MovingMean]
+    """How the gaps move."""
+
+    def stops(self, place: float) -> Matrix:
+        """(2, pairs): distances of the stops from the mean gaps at a place, m; infinite for
+        none."""
+        raise NotImplementedError
+
+    def columns(self, place: float) -> dict[str, float]:
+        """The clearances at a place, m, by their columns in tables."""
+        raise NotImplementedError
+
+    def scene_at(self, place: float) -> Scene:
+        """The scene with its stops at a place."""
+        return at_clearances(self.scene, self.stops(place))
+
+    def words(self, place: float) -> str:
+        """The smallest and the largest of the clearances, in words."""
+        found = self.columns(place).values()
+        ends = dict.fromkeys(f"{1e3 * each:.4g}" for each in (min(found), max(found)))
+        return f"{' to '.join(ends)} mm"
+
+    def length(self, place: float) -> float:
+        """The first of the clearances at a place, m."""
+        return next(iter(self.columns(place).values()))
+
+    def rice_rate(self, place: float) -> float:
+        """Rice's rate of crossings of all stops at a place, 1/s."""
+        return rice_rate(self.motions, self.stops(place))
 
     def within_ends(self, place: float) -> float:
         """The place itself, or the nearest one whose risk is known."""
@@ -308,10 +339,6 @@ class Family:
     def place_at(self, coordinate: float) -> float:
         """The place of a coordinate."""
         return coordinate
-
-    def length(self, place: float) -> float:
-        """A clearance at a place, m."""
-        return place
 
     def slope(self, place: float) -> float:
         """Slope of the logarithm of a rate over the coordinate, as far as it is known before."""
