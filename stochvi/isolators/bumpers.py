@@ -24,15 +24,15 @@ from stochvi.model.model import Model, model_of
 from stochvi.results.base import DataFrame, Result, frame_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable, check_size
-from stochvi.results.estimates import Estimate, jackknife_error, provenance, spoken_percent
+from stochvi.results.estimates import jackknife_error, provenance, spoken_percent
 from stochvi.sampling.calculations import AccuracyOptions, TrialSampler, calculation, given_up_after
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.impact_laws.compliant import LinearLaw
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.clusters import FLOWN_SAMPLES, UNFINISHED, WINDOWS, ClusterPaths
+from stochvi.statistics.clusters import UNFINISHED, WINDOWS, ClusterPaths, ClustersSoFar
 from stochvi.statistics.damage import SpectrumValues
-from stochvi.statistics.damage.equipment import GROUPS, exceedance
+from stochvi.statistics.damage.equipment import exceedance
 from stochvi.statistics.damage.simulated import PAST_LARGEST
 from stochvi.statistics.hardness import PeakAcceleration
 
@@ -403,17 +403,13 @@ class ClearanceTrials(TrialSampler):
             found = self._followed(motion, burn_in, len(motion))
             none = np.zeros((1, 0, 1, len(free), 0), np.float32)
             return TrialPart(none, first_path + np.arange(len(free)), np.ones(len(free)), *found)
-        ages, chosen = clusters.first_impacts(free, first_path, WIDENING)
-        size = max(1, FLOWN_SAMPLES // (2 * clusters.motion.window * clusters.model.modal.size))
         path, weight = [np.zeros(0, np.int64)], [np.zeros(0)]
         columns = [np.zeros((ROWS, len(self.models), 0))]
-        for each in chosen:
-            for one in each.parts(size):
-                starts = clusters.records.starts[one.start]
-                motion = clusters.around(free, one.side, one.path, starts, one.draws, one.sign)
-                columns.append(self._followed(motion))
-                path.append(first_path + one.path)
-                weight.append(one.weight)
+        ages, motions = clusters.after_first_impacts(free, first_path, WIDENING)
+        for one, motion in motions:
+            columns.append(self._followed(motion))
+            path.append(first_path + one.path)
+            weight.append(one.weight)
         return TrialPart(
             ages, np.concatenate(path), np.concatenate(weight), *np.concatenate(columns, axis=2)
         )
@@ -439,37 +435,18 @@ class ClearanceTrials(TrialSampler):
         return found
 
 
-@dataclass(frozen=True, eq=False)
-class Trials:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trials(ClustersSoFar):
     """All trials so far at one clearance and stiffness, and what follows from them."""
 
     sampler: ClearanceTrials
-    first_rate: Estimate | None
     part: TrialPart
     row: int
 
     @property
-    def overlap(self) -> float:
-        """Expected number of other first impacts in the time of a cluster."""
-        rate = self.first_rate
-        return 0.0 if rate is None else rate.value * self.sampler.seconds
-
-    @property
     def unfinished(self) -> float:
         """Share of the impacts in the second half of clusters, without those of new ones."""
-        total = float(self.part.weight @ self.part.hits[self.row])
-        if self.first_rate is None or not total:
-            return 0.0
-        return float(self.part.weight @ self.part.late[self.row]) / total - 0.5 * self.overlap
-
-    @cached_property
-    def _groups(self) -> list[NDArray[np.int64]]:
-        """Trials that remain without each group of paths."""
-        paths = np.unique(self.part.path)
-        return [
-            np.flatnonzero(~np.isin(self.part.path, group))
-            for group in np.array_split(paths, min(GROUPS, len(paths)))
-        ]
+        return self.late(self.part.hits[self.row], self.part.late[self.row])
 
     def level(
         self, largest: Matrix, wanted: float, curve: Curve | None = None
@@ -495,46 +472,37 @@ class Trials:
             return speed if curve is None else float(np.interp(speed, curve.speed, curve.value))
 
         value = at(everything)
-        error = float(jackknife_error(np.array([at(kept) for kept in self._groups])))
+        error = float(jackknife_error(np.array([at(kept) for kept in self.without_groups])))
         bias = abs(at(everything, square=False) - value)
         if self.first_rate is not None:
-            relative = self.first_rate.standard_error / self.first_rate.value
-            factor = 1.0 + relative if value else 1.0 / (1.0 + relative)
+            factor = 1.0 + self.relative_error
+            factor = factor if value else 1.0 / factor
             error = math.hypot(error, value - at(everything, wanted * factor))
             bias += value - at(everything, wanted * (1.0 + self.overlap))
         return value, error, bias
 
     def _rates(self, own: Vector, kept: NDArray[np.int64], levels: Vector, square: bool) -> Vector:
         """Trials per second in which the largest one, of those in `own`, is beyond each level."""
-        weight, largest = self.part.weight[kept], own[kept]
+        weight, largest = self.weight[kept], own[kept]
         struck = largest > 0.0
         share = exceedance(largest[struck], weight[struck], levels, square)
         share *= weight[struck].sum() / weight.sum()
         if self.first_rate is None:
             return -np.log1p(-np.minimum(share, 1.0 - 1e-12)) / self.sampler.seconds
-        return self.first_rate.value / (1.0 + self.overlap) * share
+        return self.per_second * share
 
-    def per_second(self) -> tuple[float, float]:
+    def hit_rate(self) -> tuple[float, float]:
         """Impacts per second, and their standard error."""
-        every = 1.0 / self.sampler.seconds
-        relative = 0.0
-        if self.first_rate is not None:
-            every = self.first_rate.value / (1.0 + self.overlap)
-            relative = self.first_rate.standard_error / self.first_rate.value
-        mean, error = self._ratio(self.part.hits[self.row], np.ones(len(self.part.path)))
-        return every * mean, every * math.hypot(error, relative * mean)
+        mean, error = self.ratio(self.part.hits[self.row], np.ones(len(self.path)))
+        error = math.hypot(error, self.relative_error * mean)
+        return self.per_second * mean, self.per_second * error
 
     def mean_square_speed(self) -> tuple[float, float]:
         """Mean square of the impact speeds, m^2/s^2, and its standard error."""
-        return self._ratio(self.part.squares[self.row], self.part.hits[self.row])
-
-    def _ratio(self, above: Vector, below: Vector) -> tuple[float, float]:
-        top, bottom = self.part.weight * above, self.part.weight * below
-        if not bottom.any():
+        hits = self.part.hits[self.row]
+        if not hits.any():
             return math.nan, math.nan
-        left = [top[kept].sum() / max(float(bottom[kept].sum()), NEVER) for kept in self._groups]
-        value = float(top.sum() / bottom.sum())
-        return value, float(jackknife_error(np.array(left)))
+        return self.ratio(self.part.squares[self.row], hits)
 
 
 def trials_of(sampler: ClearanceTrials, parts: Sequence[TrialPart]) -> list[Trials]:
@@ -543,7 +511,13 @@ def trials_of(sampler: ClearanceTrials, parts: Sequence[TrialPart]) -> list[Tria
     rate = sampler.clusters.found(ages).first_rate()[0] if sampler.apart else None
     joined = [np.concatenate(each, axis=-1) for each in zip(*(p[1:] for p in parts), strict=True)]
     whole = TrialPart(ages, *joined)
-    return [Trials(sampler, rate, whole, row) for row in range(len(sampler.models))]
+    return [
+        Trials(
+            sampler=sampler, part=whole, row=row, first_rate=rate, window=sampler.seconds,
+            path=whole.path, weight=whole.weight,
+        )
+        for row in range(len(sampler.models))
+    ]  # fmt: skip
 
 
 # ------------------------------------------------------------------------------
@@ -720,7 +694,7 @@ def _map(
         reached, places[:, None], calm_places
     )
     energy = 0.5 * mass * np.array([[each.mean_square_speed() for each in row] for row in rows])
-    hourly = HOUR * np.array([[each.per_second() for each in row] for row in rows])
+    hourly = HOUR * np.array([[each.hit_rate() for each in row] for row in rows])
     overlap = np.array([[each.overlap for each in row] for row in rows])
     meeting = np.stack([energy[..., 0] * overlap, hourly[..., 0] * overlap])
     return [

@@ -27,7 +27,13 @@ from stochvi.model.scales import scales_of_free_motion
 from stochvi.results.base import Response
 from stochvi.results.deadline import Deadline, partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
-from stochvi.results.estimates import Estimate, jackknife_ratio, of_events, upper_limit_unseen
+from stochvi.results.estimates import (
+    Estimate,
+    jackknife_error,
+    jackknife_ratio,
+    of_events,
+    upper_limit_unseen,
+)
 from stochvi.sampling.calculations import AccuracyOptions, TrialSampler
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
@@ -274,18 +280,27 @@ class ClusterPaths:
 
     def part(self, widening: float, first_path: int) -> Part:
         """Crossings of one block of paths, and the clusters after first impacts."""
-        free = self.free(first_path)
+        ages, motions = self.after_first_impacts(self.free(first_path), first_path, widening)
+        columns = [np.empty((3 + 3 * len(self.pairs) + len(self.outputs), 0))]
+        columns += [
+            np.vstack([first_path + one.path, one.weight, self._cluster(motion)])
+            for one, motion in motions
+        ]
+        return Part(ages, np.concatenate(columns, axis=1))
+
+    def after_first_impacts(
+        self, free: Records, first_path: int, widening: float
+    ) -> tuple[NDArray[np.float32], Iterator[tuple[FirstImpacts, Records]]]:
+        """Ages of the crossings in one block of paths; and first impacts, some at a time, with the
+        motion without stops from them on, for `follow`."""
         ages, found = self.first_impacts(free, first_path, widening)
         size = max(1, FLOWN_SAMPLES // (2 * self.motion.window * self.model.modal.size))
-        columns = [np.empty((3 + 3 * len(self.pairs) + len(self.outputs), 0))]
-        for each in found:
-            for one in each.parts(size):
-                starts = self.records.starts[one.start]
-                motion = self.around(free, one.side, one.path, starts, one.draws, one.sign)
-                columns.append(
-                    np.vstack([first_path + one.path, one.weight, self._cluster(motion)])
-                )
-        return Part(ages, np.concatenate(columns, axis=1))
+        return ages, (
+            (one, self.around(free, one.side, one.path, self.records.starts[one.start],
+                              one.draws, one.sign))
+            for each in found
+            for one in each.parts(size)
+        )  # fmt: skip
 
     def first_impacts(
         self, free: Records, first_path: int, widening: float = 1.0
@@ -493,9 +508,99 @@ FEWEST_WITH_BURSTS = 8
 taken."""
 
 
+GROUPS = 20
+"""Number of groups of paths that the jackknife leaves out in turn."""
+
+NEVER = 1e-300
+"""Smallest sum of weights that is divided by."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ClustersSoFar:
+    """Clusters with their weights, and what follows from them by the second; or records of the
+    whole motion, which have no first impacts.
+
+    Parameters
+    ----------
+    first_rate
+        Limiting rate of first impacts, 1/s; None of records.
+    window
+        Time for which each was simulated, s.
+    path, weight
+        (clusters,): path of each, and its weight, see `Bursts`.
+    """
+
+    first_rate: Estimate | None
+    window: float
+    path: NDArray[np.int64]
+    weight: Vector
+
+    @property
+    def overlap(self) -> float:
+        """Expected number of other first impacts in the window that is simulated; rates need it to
+        be small."""
+        return 0.0 if self.first_rate is None else self.first_rate.value * self.window
+
+    @property
+    def per_second(self) -> float:
+        """Clusters, or records, per second, without the clusters that begin in the window of
+        another one."""
+        if self.first_rate is None:
+            return 1.0 / self.window
+        return self.first_rate.value / (1.0 + self.overlap)
+
+    @property
+    def relative_error(self) -> float:
+        """Relative standard error of the rate of first impacts."""
+        rate = self.first_rate
+        return 0.0 if rate is None else rate.standard_error / rate.value
+
+    @property
+    def relative_bias(self) -> float:
+        """Relative bias of rates: that of first impacts, and clusters that meet."""
+        rate = self.first_rate
+        return 0.0 if rate is None else (rate.bias or 0.0) / rate.value + self.overlap
+
+    @property
+    def most_unseen(self) -> float:
+        """Upper limit of a rate of which no cluster has any, 1/s: as if that of the largest weight
+        had it."""
+        assert self.first_rate is not None
+        share = float(self.weight.max() / self.weight.sum())
+        return self.first_rate.value * upper_limit_unseen(1.0) * share
+
+    def late(self, hits: Vector, late: Vector) -> float:
+        """Share of the impacts (clusters,) in the second half of the window, without those of new
+        clusters."""
+        total = float(self.weight @ hits)
+        if self.first_rate is None or total == 0.0:
+            return 0.0
+        return max(float(self.weight @ late) / total - 0.5 * self.overlap, 0.0)
+
+    @cached_property
+    def without_groups(self) -> list[NDArray[np.int64]]:
+        """Clusters that remain without each group of paths."""
+        paths = np.unique(self.path)
+        return [
+            np.flatnonzero(~np.isin(self.path, group))
+            for group in np.array_split(paths, min(GROUPS, len(paths)))
+        ]
+
+    def ratio(self, above: Vector, below: Vector) -> tuple[Any, Any]:
+        """Ratio of weighted sums of two quantities (clusters, ...) and (clusters,), and its
+        standard error by the jackknife over groups of paths."""
+
+        def of(kept: Any) -> Any:
+            weight = self.weight[kept]
+            return weight @ above[kept] / max(float(weight @ below[kept]), NEVER)
+
+        left_out = np.array([of(kept) for kept in self.without_groups])
+        return of(slice(None)), jackknife_error(left_out.T)
+
+
 @explain_methods
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Bursts:
+class Bursts(ClustersSoFar):
     """Clusters that followed first impacts, each with its weight.
 
     Parameters
@@ -529,12 +634,9 @@ class Bursts:
     """
 
     first_rate: Estimate
-    window: float
     horizon: float
     pairs: tuple[str, ...]
     outputs: tuple[str, ...]
-    path: NDArray[np.int64]
-    weight: Vector
     early_hits: Vector
     hits: Matrix
     speeds: Matrix
@@ -548,19 +650,10 @@ class Bursts:
         return len(np.unique(self.path))
 
     @property
-    def overlap(self) -> float:
-        """Expected number of other first impacts in the window that is simulated; the rates of this
-        class need it to be small."""
-        return self.first_rate.value * self.window
-
-    @property
     def unfinished(self) -> float:
         """Share of the impacts in the second half of the window, without those of new clusters."""
-        total = float(np.sum(self.weight * self.hits.sum(axis=0)))
-        if total == 0.0:
-            return 0.0
-        late = 1.0 - float(np.sum(self.weight * self.early_hits)) / total
-        return max(late - 0.5 * self.first_rate.value * self.window, 0.0)
+        hits = self.hits.sum(axis=0)
+        return self.late(hits, hits - self.early_hits)
 
     @property
     def apart(self) -> bool:
@@ -613,28 +706,17 @@ class Bursts:
         weight had it.
         """
         mean = self._mean(what)
-        rate = self.first_rate.value / (1.0 + self.overlap)
-        value = rate * mean.value
-        relative = math.hypot(
-            self.first_rate.standard_error / self.first_rate.value,
-            mean.standard_error / mean.value if mean.value else 0.0,
-        )
+        value = self.per_second * mean.value
         if not value:
             how = f"none of {len(self.path)} clusters"
-            return Estimate(value=0.0, bias=None, how=how, upper_95=self._most_unseen)
-        known = (self.first_rate.bias or 0.0) / self.first_rate.value
+            return Estimate(value=0.0, bias=None, how=how, upper_95=self.most_unseen)
         return Estimate(
             value=value,
-            standard_error=relative * value,
-            bias=(known + self.overlap) * value,
+            standard_error=math.hypot(self.relative_error, mean.standard_error / mean.value)
+            * value,
+            bias=self.relative_bias * value,
             how=f"{len(self.path)} clusters; bias: clusters that meet",
         )
-
-    @property
-    def _most_unseen(self) -> float:
-        """Upper limit of a rate of which no cluster has any, 1/s."""
-        share = float(self.weight.max() / self.weight.sum())
-        return self.first_rate.value * upper_limit_unseen(1.0) * share
 
     def limited(self, rate: Estimate) -> Estimate:
         """A rate, or its upper limit where too few clusters have any of it. That is never below the
@@ -642,7 +724,7 @@ class Bursts:
         found = of_events(rate, self.paths)
         if found.upper_95 is None:
             return found
-        return replace(found, upper_95=max(found.upper_95, self._most_unseen))
+        return replace(found, upper_95=max(found.upper_95, self.most_unseen))
 
     def _mean(self, what: Vector) -> Estimate:
         return self._ratio(what, np.ones_like(what))

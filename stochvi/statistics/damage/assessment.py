@@ -77,7 +77,6 @@ from stochvi.statistics.damage.simulated import (
     damage_hits,
     hits_of_clusters,
     joined,
-    joined_clusters,
     sampled_for,
     squares_below,
 )
@@ -628,7 +627,7 @@ class _Question:
             return None
 
         def error_of(parts: list[ClusterPart]) -> float:
-            extra, error = Clusters(sampler, joined_clusters(parts)).rates(
+            extra, error = Clusters.of(sampler, parts).rates(
                 np.concatenate([part.damage for part in parts])
             )
             total = without.fatigue_damage.value / self.mission + extra
@@ -637,7 +636,7 @@ class _Question:
         taken = self.run.to_accuracy(
             sampler, FEWEST_CLUSTER_PATHS, error_of, self.run.accuracy, needed=max(sampler.block, 2)
         )
-        found = Clusters(sampler, joined_clusters(taken.sample))
+        found = Clusters.of(sampler, taken.sample)
         if not found.apart and way is None:
             return None
         work = {"paths": taken.paths, "impacts": int(found.part.hits.sum())}

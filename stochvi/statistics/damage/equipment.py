@@ -37,6 +37,7 @@ from stochvi.results.estimates import (
     reach,
 )
 from stochvi.sampling.calculations import check_flag
+from stochvi.statistics.clusters import GROUPS
 
 Records = NDArray[np.float64]
 
@@ -908,9 +909,6 @@ probability that a mission exceeds the last of them."""
 
 FARTHEST = 50.0
 """Last level over the expected largest."""
-
-GROUPS = 20
-"""Number of groups of paths that the jackknife leaves out in turn."""
 
 FEWEST_PATHS = 8
 """Number of paths from which the scatter between them shows whether their windows are alike."""

@@ -30,10 +30,9 @@ from stochvi.results.estimates import (
 )
 from stochvi.sampling.calculations import ListSampler, TrialSampler, given_up_after
 from stochvi.scenes.impact_laws import CompliantLaw
-from stochvi.statistics.clusters import UNFINISHED, ClusterPaths
+from stochvi.statistics.clusters import UNFINISHED, ClusterPaths, ClustersSoFar
 from stochvi.statistics.clusters import Records as PathRecords
 from stochvi.statistics.damage.equipment import (
-    GROUPS,
     LEVELS,
     Equipment,
     GaussianEquipment,
@@ -461,50 +460,37 @@ class ClusterSampler(TrialSampler):
         return hits, late, work, loss
 
 
-@dataclass(frozen=True, eq=False)
-class Clusters:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Clusters(ClustersSoFar):
     """All clusters so far, and what follows from them by the second."""
 
+    first_rate: Estimate
     sampler: ClusterSampler
     part: ClusterPart
 
-    @cached_property
-    def first_rate(self) -> Estimate:
-        """Rate of first impacts, 1/s."""
-        return self.sampler.clusters.found(self.part.ages).first_rate()[0]
-
-    @property
-    def overlap(self) -> float:
-        """Expected number of other first impacts in a window."""
-        return self.first_rate.value * self.sampler.seconds
+    @classmethod
+    def of(cls, sampler: ClusterSampler, parts: Sequence[ClusterPart]) -> Clusters:
+        """Those of some blocks of paths."""
+        ages = np.concatenate([part.ages for part in parts], axis=3)
+        part = ClusterPart(
+            ages, *(np.concatenate(each) for each in zip(*(p[1:] for p in parts), strict=True))
+        )
+        return cls(
+            sampler=sampler, part=part, first_rate=sampler.clusters.found(ages).first_rate()[0],
+            window=sampler.seconds, path=part.path, weight=part.weight,
+        )  # fmt: skip
 
     @property
     def apart(self) -> bool:
         """Whether clusters end within the window and seldom meet."""
-        total = float(self.part.weight @ self.part.hits)
-        late = float(self.part.weight @ self.part.late) / total if total else 0.0
-        return self.overlap < UNFINISHED and late - 0.5 * self.overlap < UNFINISHED
-
-    @cached_property
-    def _groups(self) -> list[NDArray[np.int64]]:
-        """Clusters by group of paths."""
-        paths = np.unique(self.part.path)
-        return [
-            np.flatnonzero(np.isin(self.part.path, group))
-            for group in np.array_split(paths, min(GROUPS, len(paths)))
-        ]
+        part = self.part
+        return self.overlap < UNFINISHED and self.late(part.hits, part.late) < UNFINISHED
 
     def rates(self, what: NDArray[np.float64]) -> tuple[Vector, Vector]:
         """Rate per second of a quantity (clusters, ...), and its standard error."""
-        weight = self.part.weight
-        top = np.array([weight[g] @ what[g] for g in self._groups])
-        bottom = np.array([weight[g].sum() for g in self._groups])
-        whole = np.einsum("c,c...->...", weight, what) / weight.sum()
-        left = (top.sum(axis=0) - top).T / (bottom.sum() - bottom)
-        error = np.asarray(jackknife_error(left))
-        rate = self.first_rate.value / (1.0 + self.overlap)
-        share = self.first_rate.standard_error / self.first_rate.value
-        return rate * whole, rate * np.hypot(error, share * np.abs(whole))
+        mean, error = self.ratio(what, np.ones(len(what)))
+        error = np.hypot(error, self.relative_error * np.abs(mean))
+        return self.per_second * mean, self.per_second * error
 
     def per_hour(self, counts: Vector, events: bool = True) -> Estimate:
         """Events, or energy, per hour; no energy has no upper limit."""
@@ -513,15 +499,13 @@ class Clusters:
         if not value and not events:
             return Estimate(value=0.0, bias=None, how=f"none in {how}")
         if not value:
-            most = upper_limit_unseen(1.0) * float(self.part.weight.max() / self.part.weight.sum())
             return Estimate(
                 value=0.0, bias=None, how=f"none of {len(self.part.path)} clusters",
-                upper_95=HOUR * self.first_rate.value * most,
+                upper_95=HOUR * self.most_unseen,
             )  # fmt: skip
-        bias = (self.first_rate.bias or 0.0) / self.first_rate.value + self.overlap
         return Estimate(
             value=HOUR * float(value), standard_error=HOUR * float(error),
-            bias=HOUR * bias * float(value), how=how,
+            bias=HOUR * self.relative_bias * float(value), how=how,
         )  # fmt: skip
 
     def extremes(
@@ -547,10 +531,7 @@ class Clusters:
             value[i] = _mean_of(whole, levels)
             for chance in (below(everything, calm, square=False), below(everything, other)):
                 bias[i] += abs(_mean_of(chance, levels) - value[i])
-            left = [
-                _mean_of(below(np.setdiff1d(everything, group), calm), levels)
-                for group in self._groups
-            ]
+            left = [_mean_of(below(kept, calm), levels) for kept in self.without_groups]
             error[i] = jackknife_error(np.array(left))
             quantiles[:, i] = np.interp(probabilities, whole, levels)
         return value, error, bias, quantiles
@@ -573,14 +554,6 @@ class Clusters:
         rows = np.argmax(shares >= probability, axis=0)
         places = np.take_along_axis(order, rows[None], axis=0)[0]
         return np.asarray(self.part.peaks[places, np.arange(len(places))])
-
-
-def joined_clusters(parts: Sequence[ClusterPart]) -> ClusterPart:
-    """All clusters so far."""
-    ages = np.concatenate([part.ages for part in parts], axis=3)
-    return ClusterPart(
-        ages, *(np.concatenate(each) for each in zip(*(p[1:] for p in parts), strict=True))
-    )
 
 
 def _mean_of(below: Vector, levels: Vector) -> float:
