@@ -37,7 +37,8 @@ from stochvi.isolators import (
     size_by_damage,
 )
 from stochvi.isolators.sizing.answer import Sizing
-from stochvi.isolators.sizing.size import FIRST_SIGMA
+from stochvi.isolators.sizing.size import FIRST_SIGMA, HazardInPhase
+from stochvi.mathematics.numerics import Array
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.excitations.drawn import Pulses
@@ -47,6 +48,7 @@ from stochvi.statistics.damage.equipment import SpectrumValues
 from stochvi.views.isolator_tables import clearance_told
 from stochvi.views.report import write_report
 from support import judges
+from support.accuracies import run_of
 from support.mounts import two_stages
 from support.pairs import pair, uncoupled
 
@@ -389,6 +391,25 @@ def test_several_pairs_are_sized_for_shocks_beside_noise() -> None:
     # without shocks far fewer are hit
     without = risk(found.sized().replace(excitations=quiet.excitations))
     assert without.value < 0.04
+
+
+@pytest.mark.parametrize("shocks", [None, "a rare one, far larger than the rms motion"])
+def test_a_far_stop_is_left_out_under_noise_alone(shocks: str | None) -> None:
+    asked: list[Array] = []
+
+    def crossings(*rows: Any) -> SimpleNamespace:
+        asked.extend(rows[:2])
+        return SimpleNamespace(hazards=lambda *_: None)
+
+    phase = SimpleNamespace(
+        motion=SimpleNamespace(shocks=shocks, crossings=crossings), sigma=np.ones(1),
+        level_time=1.0, distances=lambda clearances: np.stack([clearances, clearances]),
+    )  # fmt: skip
+    hazard = HazardInPhase(phase=phase, clearances=np.atleast_1d)  # type: ignore[arg-type]
+    with run_of(rel_error=0.1) as run:
+        hazard.simulated(np.array([5.0, 40.0]), run)
+    for row in asked:
+        assert row[:, 0].tolist() == [5.0, 40.0 if shocks else math.inf]
 
 
 @pytest.mark.slow
