@@ -885,21 +885,15 @@ def test_a_budget_that_ends_first_is_a_failure_with_what_there_is(stochvi: Run) 
     assert "budget" in done.err
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--from", "20"), "--from and --to must be two rising frequencies"),
-        (("--from", "30", "--to", "20"), "--from and --to must be two rising frequencies"),
-        (("--from", "20", "--to", "30", "--points", "1"), "--points must be at least 2, got 1"),
-        (("--vary", "a=1:2:3", "--from", "1"), "--vary takes the place of --from and --to"),
-        (("--coordinate", "y"), "coordinate must be one of x, got 'y'"),
-        (("--impacts", "0"), "--impacts must be at least 1, got 0"),
-    ],
+test_what_cannot_be_asked_is_refused = refusals(
+    lambda stochvi, options: stochvi("sine", MOUNT, *options),
+    (("--from", "20"), "--from and --to must be two rising frequencies"),
+    (("--from", "30", "--to", "20"), "--from and --to must be two rising frequencies"),
+    (("--from", "20", "--to", "30", "--points", "1"), "--points must be at least 2, got 1"),
+    (("--vary", "a=1:2:3", "--from", "1"), "--vary takes the place of --from and --to"),
+    (("--coordinate", "y"), "coordinate must be one of x, got 'y'"),
+    (("--impacts", "0"), "--impacts must be at least 1, got 0"),
 )
-def test_what_cannot_be_asked_is_refused(
-    stochvi: Run, options: tuple[str, ...], words: str
-) -> None:
-    assert words in refused(stochvi("sine", MOUNT, *options))
 
 
 STARTS = ("--start", "displacement.x=-0.3mm:0.3mm:3", "--start", "velocity.x=-0.2,0.2")
@@ -939,20 +933,14 @@ def test_a_diagram_of_impact_speeds_and_its_files(stochvi: Run, tmp_path: Path) 
     assert (tmp_path / "bifurcation.csv").is_file() and (tmp_path / "bifurcation.png").is_file()
 
 
-@pytest.mark.parametrize(
-    ("command", "options", "words"),
-    [
-        ("basins", ("--start", "velocity.x=fast"), "--start must be NAME=FIRST:LAST:NUMBER"),
-        ("basins", ("--start", "velocity.x=1"), "plane must be two of displacement.x"),
-        ("basins", ("--periods", "0"), "periods must be at least 1, got 0"),
-        ("bifurcation", (), "--from and --to, or --vary, must say what is varied"),
-        ("bifurcation", ("--from", "1", "--to", "2", "--watched", "3"), "watched at least 64"),
-    ],
+test_what_cannot_be_started_is_refused = refusals(
+    lambda stochvi, command, options: stochvi(command, MOUNT, *options),
+    ("basins", ("--start", "velocity.x=fast"), "--start must be NAME=FIRST:LAST:NUMBER"),
+    ("basins", ("--start", "velocity.x=1"), "plane must be two of displacement.x"),
+    ("basins", ("--periods", "0"), "periods must be at least 1, got 0"),
+    ("bifurcation", (), "--from and --to, or --vary, must say what is varied"),
+    ("bifurcation", ("--from", "1", "--to", "2", "--watched", "3"), "watched at least 64"),
 )
-def test_what_cannot_be_started_is_refused(
-    stochvi: Run, command: str, options: tuple[str, ...], words: str
-) -> None:
-    assert words in refused(stochvi(command, MOUNT, *options))
 
 
 def test_life_times_of_a_scene_with_noise(stochvi: Run, tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ from stochvi import (
 )
 from stochvi.isolators import bumper_map
 from stochvi.results.errors import SceneError
+from support.commands import Finished, refused
 
 OTHER_METHODS: tuple[Callable[[Any], object], ...] = (
     exact, average, screen, fokker_planck, bumper_map,
@@ -45,7 +46,8 @@ def refusals(
     """A test of a call, one case a row: its last arguments, then words that its sentence holds.
 
     One dictionary in a row gives the call its keywords where the call is a class. The arguments
-    before those of the row are fixtures. The words may be a regular expression, a `pattern`.
+    before those of the row are fixtures. The words may be a regular expression, a `pattern`. A
+    command may be called as well: its sentence stands on stderr, and its exit code is 2.
     """
     keywords = inspect.isclass(call)
     taken = [] if keywords else inspect.signature(call).parameters.values()
@@ -53,12 +55,18 @@ def refusals(
     fixtures = needed[: max(0, len(needed) - len(rows[0]) + 1)]
 
     @pytest.mark.parametrize("row", rows, ids=lambda row: str(row[-1]))
-    def refused(row: tuple[Any, ...], request: pytest.FixtureRequest) -> None:
+    def is_refused(row: tuple[Any, ...], request: pytest.FixtureRequest) -> None:
         *arguments, words = row
         given = [request.getfixturevalue(name) for name in fixtures]
         with pytest.raises(error) as failure:
-            call(**arguments[0]) if keywords else call(*given, *arguments)
+            _heard(call(**arguments[0]) if keywords else call(*given, *arguments))
         sentence = str(failure.value)
         assert re.search(words, sentence) if pattern else words in sentence
 
-    return refused
+    return is_refused
+
+
+def _heard(answer: object) -> None:
+    """Raise what a command says as it refuses."""
+    if isinstance(answer, Finished):
+        raise SceneError(refused(answer))
