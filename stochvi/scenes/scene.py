@@ -631,8 +631,8 @@ class Scene(Checked):
     @property
     def expanded(self) -> Scene:
         """The same scene with absorbers of mass, play and law written out as coordinates and impact
-        pairs of a structure of kind `matrices`, and stops where their tolerances may have them; the
-        scene itself where it has none."""
+        pairs of a structure of kind `matrices`. Stops are where their tolerances may have them. A
+        scene with neither is itself."""
         absorbers = self._short_absorbers
         if not absorbers:
             return self._with_nearest_stops()._with_sides_apart()._with_densities()

@@ -1,5 +1,5 @@
-"""`size`: the clearance that an isolator needs. Chapters: the hazard of a phase against the place
-of stops; of several phases together; a mission of several phases; a limit on the damage of
+"""`size`: the clearance that an isolator needs. Chapters: the hazard against the place of stops,
+for a phase and for several together; a mission of several phases; a limit on the damage of
 equipment; `size` itself, with tolerances."""
 
 from __future__ import annotations
