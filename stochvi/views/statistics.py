@@ -604,7 +604,8 @@ def reliability_told(found: Reliability) -> Told:
     mission, chances = spoken_mission(found.mission), list(found.chances.values())
     hits = f"expected impacts in {mission}: {found.hits_in_words()}"
     lines = [] if found.hits is None else [hits]
-    lines += [each.why for each in chances if each.way in ("phases", "levels")]
+    which = "{0.words}: {0.why}" if len(chances) > 1 else "{0.why}"
+    lines += [which.format(each) for each in chances if each.way in ("phases", "levels")]
     if found.gaps:
         name, most = next(iter(found.gaps.items()))
         likely = chance_in_words(most.probability)
