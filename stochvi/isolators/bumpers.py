@@ -275,7 +275,7 @@ class BumperMap(Result):
         """The best design that keeps the limits, in a sentence."""
         points = self.feasible.size
         mission = spoken_mission(self.mission)
-        chance = f"but for {spoken_percent(self.exceedance)} of missions of {mission}"
+        chance = f"in all but {spoken_percent(self.exceedance)} of missions of {mission}"
         if not self.limits:
             return f"{points} designs of stops; limits would mark those that keep them"
         best, unknown = self.best, int(np.count_nonzero(~(self.feasible | self.exceeded)))

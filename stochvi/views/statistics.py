@@ -439,7 +439,7 @@ def bumper_map_told(found: BumperMap) -> Told:
         for at in product(_spread(rows, CORNERS), _spread(columns, CORNERS))
     ]  # fmt: skip
     left = rows * columns - len(shown)
-    more = f"; {left} more points in the file of the map" if left else ""
+    more = f"; {left} more points in map.csv of --out" if left else ""
     cost = f"cost: {found.cost.wall_time:.3g} s on {found.cost.threads} threads"
     return told_of(
         found,

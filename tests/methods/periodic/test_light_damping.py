@@ -93,6 +93,7 @@ def test_a_hardening_spring_jumps_once_up_and_once_down(
             excitations=[Sine(amplitude=amplitude, frequency_hz=0.2)],
         ),
         np.linspace(0.12, high, 15),
+        budget=None,
     )
     place, before, after = Balance(damping, cubic, amplitude).jump()
     up = [each for each in found.jumps if each.upwards]
