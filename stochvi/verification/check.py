@@ -365,7 +365,7 @@ def approximations(scene: Scene, left_out: list[str]) -> list[Response]:
         try:
             found.append(linearise(scene, form=form))
         except (NotApplicable, NotConverged) as reason:
-            left_out.append(f"linearise:{form}: {reason}")
+            left_out.append(f"linearise:{form}: {_conditions(reason)}")
     return found
 
 

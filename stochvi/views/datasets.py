@@ -366,6 +366,10 @@ def to_xarray(table: DataFrame | Result, keys: Sequence[str] | None = None) -> x
         firsts = (columns[: n + 1] for n in range(len(columns)))
         told = (first for first in firsts if not table.duplicated(first).any())
         keys = next(told, columns[:1]) if keys is None else keys
+    if not hasattr(table, "attrs"):
+        raise ValueError(
+            f"table must be a table or an answer that is one, got a {type(table).__name__}"
+        )
     names = list(table.attrs.get(KEYS, ()) if keys is None else keys)
     if not names or not set(names) <= set(table):
         raise ValueError(

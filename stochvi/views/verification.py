@@ -444,7 +444,7 @@ def _prices(found: WorkPrecision) -> Section:
                 cells[name, f"{kind}{100.0 * target:g} %"] = price
     usual = "* the step that simulate takes"
     return Section(
-        grids=Grid.across("CPU time until both are below (-: bias is not)", "step", cells),
+        grids=Grid.across("CPU time until both are below (-: the bias never is)", "step", cells),
         notes=[usual if found.elastic else f"{usual}, and twice it: half as much time on top"],
     )
 

@@ -792,6 +792,12 @@ def test_ctrl_c_leaves_the_rows_that_are_complete_in_a_table(
     assert len(stopped.value.partial) == 2
 
 
+def test_what_is_no_table_is_no_grid() -> None:
+    pytest.importorskip("xarray")
+    with pytest.raises(ValueError, match="table must be a table or an answer that is one, got a i"):
+        to_xarray(3)
+
+
 def test_a_sweep_is_a_grid_with_units_for_xarray() -> None:
     values = {"impact_pair.0.upper": [1.0, 2.0], "structure.damping": [0.1, 0.2, 0.4]}
     table = sweep(load_scene(shipped_scene("oscillator-elastic")), values, method="exact")

@@ -1149,7 +1149,8 @@ class Bifurcation(Result):
         chaotic = int((growing & (table["periods"] == 0) & (table["lyapunov"] > 0.0)).sum())
         return (
             f"of {len(table)} values of {self.key}, the motion repeats itself within "
-            f"{self.watched // 2} periods at {regular}; small perturbations grow at {chaotic}"
+            f"{self.watched // 2} periods at {regular}; at {chaotic} of the others small "
+            "perturbations are shown to grow"
         )
 
 
