@@ -110,7 +110,8 @@ def sweep(
     `Estimate` has them. ".upper_95" is the upper 95 % limit where a row saw no such event. Each
     impact pair has "stops.speed_threshold", the slowest impact that its rates count, m/s, which may
     differ between rows. The last columns are the method, the seed, the number of paths, and the
-    seconds that the row took. "note" says why a row holds no answer, or not the accuracy wanted.
+    seconds that the row took. "note" says why a row holds no answer, or not the accuracy wanted,
+    and where a record is not the noise for which the row holds.
 
     Parameters
     ----------
@@ -367,7 +368,7 @@ class Job:
         kept = None if folder is None else folder / f"{self.name}.json"
         if kept is not None and kept.exists():
             if found := _kept_answer(kept):
-                return self._columns(found, "")
+                return self._columns(found, self._doubt())
             _again(kept, "holds no answer that can be read")
         response: Response | Summary | None = None
         try:
@@ -383,7 +384,16 @@ class Job:
                 warnings.warn(f"{kept}: {reason_of(error)}: the row was not kept", stacklevel=2)
             else:
                 kept.with_suffix(".checkpoint").unlink(missing_ok=True)
-        return self._columns(response, note)
+        return self._columns(response, note or self._doubt())
+
+    def _doubt(self) -> str:
+        """That a record of the scene is not the noise for which the row holds."""
+        if self.method == "replay" or not self.scene.has_records:
+            return ""  # a replay follows the record itself
+        from stochvi.isolators.record_verdict import judged_phase
+
+        record, _ = judged_phase(self.scene)
+        return "" if record is None or record.agrees else record.headline("the record")
 
     def _answer(self, folder: Path | None, run: Run) -> Response | Summary:
         from stochvi.statistics.hazards import OutOfReach

@@ -492,31 +492,14 @@ FIELDS = {"json": "json_file", "open budget": "budget", "kept budget": "budget"}
 """Fields of `Common` by their option, where the two names differ."""
 
 
-def judged_record(scene: Scene) -> RecordVerdict | None:
-    """Whether the record of a scene agrees with Gaussian noise of its density, which all commands
-    but `replay` take for it; None without a record that can be judged."""
-    if not any(each.kind == "record" for each in scene.excitations):
-        return None
-    from stochvi.isolators.record_verdict import record_verdict  # compiles, through replay
-
-    return record_verdict(scene)
-
-
 def judged_phase(scene: Scene) -> tuple[RecordVerdict | None, str]:
     """The verdict on the record of a scene, or of the phase whose record must be known first, and
     the name of this phase."""
-    phases = {each.name: each.of(scene) for each in scene.phases} or {"": scene}
-    verdicts = {
-        name: verdict
-        for name, each in phases.items()
-        if (verdict := judged_record(each)) is not None
-    }
-    if not verdicts:
+    if not scene.has_records:
         return None, ""
-    from stochvi.isolators.record_verdict import most_alarming
+    from stochvi.isolators.record_verdict import judged_phase  # compiles, through replay
 
-    where = most_alarming(verdicts) or ""
-    return verdicts[where], where
+    return judged_phase(scene)
 
 
 def fail_unless_gaussian(record: RecordVerdict | None) -> None:

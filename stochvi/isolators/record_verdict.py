@@ -430,6 +430,19 @@ def most_alarming(verdicts: Mapping[str, RecordVerdict]) -> str | None:
     return max(verdicts, key=alarm, default=None)
 
 
+def judged_phase(scene: Scene) -> tuple[RecordVerdict | None, str]:
+    """The verdict on the records of a scene, or of the phase whose records must be known first, and
+    the name of this phase."""
+    phases = {each.name: each.of(scene) for each in scene.phases} or {"": scene}
+    verdicts = {
+        name: verdict
+        for name, each in phases.items()
+        if (verdict := record_verdict(each)) is not None
+    }
+    where = most_alarming(verdicts)
+    return (None, "") if where is None else (verdicts[where], where)
+
+
 def record_verdict(scene: Scene) -> RecordVerdict | None:
     """Judge the records of a scene; None where there are none, or springs and dampers do not hold a
     linear structure.

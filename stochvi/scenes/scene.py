@@ -1035,6 +1035,12 @@ class Scene(Checked):
         return next((each for each in levels if each is not None), None)
 
     @property
+    def has_records(self) -> bool:
+        """Whether a record shakes it, or one of its phases."""
+        parts = (self, *(phase.of(self) for phase in self.phases))
+        return any(each.kind == "record" for part in parts for each in part.excitations)
+
+    @property
     def has_shocks(self) -> bool:
         """Whether shocks of a shape come at random times."""
         return any(isinstance(each, Pulses) and each.shock for each in self.excitations)

@@ -37,6 +37,7 @@ from stochvi.isolators.record_verdict import (
 from stochvi.mathematics.spectra import squared_gain
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.model.model import model_of
+from stochvi.sweeps import sweep
 from support.commands import Run, one_document
 from support.records import FS, gaussian, spoilt
 
@@ -254,6 +255,20 @@ def test_law_of_the_kurtosis() -> None:
 def test_a_p_value_is_never_stated_as_zero() -> None:
     assert p_value_in_words(0.0) == p_value_in_words(1e-20) == "p below 1e-15"
     assert p_value_in_words(2e-7) == "p = 2e-07"
+
+
+@pytest.mark.parametrize(("kind", "note"), [("potholes", "is not Gaussian noise"), ("none", "")])
+def test_rows_of_a_sweep_say_it_too(tmp_path: Path, kind: str, note: str) -> None:
+    """A row of a potholed record held a clearance without a word; a replay follows the record."""
+    values = (
+        spoilt(kind, np.random.default_rng(7)) if note else gaussian(np.random.default_rng(8), 60.0)
+    )
+    scene = scene_of(tmp_path, values, 12.0, 0.1)
+    vary = {"structure.zeta": [0.1, 0.2]}
+    for _ in range(2):  # as it is kept, too
+        table = sweep(scene, vary, method="linearise", out=tmp_path / "rows")
+        assert all(note in each if note else not each for each in table["note"])
+    assert not any(sweep(scene, vary, method="replay")["note"])
 
 
 @pytest.mark.slow
