@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stochvi.engine.sub_steps import CONTACT_ANGLE
 from stochvi.isolators.screening import at_clearances, check_movable
-from stochvi.isolators.sizing.search import ACCEPTED
+from stochvi.isolators.sizing.risk_curve import ACCEPTED
 from stochvi.isolators.tolerances import changed_stops
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import ACCELERATION, LENGTH, STIFFNESS, shown, spoken_mission

@@ -394,6 +394,17 @@ class Scene(Checked):
 
     @model_validator(mode="before")
     @classmethod
+    def _one_spelling(cls, keys: Any) -> Any:
+        """The key of a file and the argument of Python are one."""
+        for name, field in cls.model_fields.items():
+            if field.alias and isinstance(keys, dict) and {name, field.alias} <= keys.keys():
+                raise SceneError(
+                    [(name, f"must be left out beside {field.alias}, which is the same")]
+                )
+        return keys
+
+    @model_validator(mode="before")
+    @classmethod
     def _shaken_in_phases(cls, keys: Any) -> Any:
         """A scene whose phases have excitations of their own needs no others."""
         named = keys if isinstance(keys, dict) else {}

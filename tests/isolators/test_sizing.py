@@ -450,6 +450,8 @@ def test_what_cannot_be_kept_says_why() -> None:
         size(ten_hertz(0.05), probability=0.1, rate=1.0)
     with pytest.raises(ValueError, match=r"probability must be in \(0, 0.999\], got 1"):
         size(ten_hertz(0.05), probability=1.0)
+    with pytest.raises(ValueError, match="exceedance belongs to a limit of the hardest impact"):
+        size(ten_hertz(0.05), probability=0.1, exceedance=0.5)
     with pytest.raises(NotApplicable, match="needs an impact_pair"):
         size(ten_hertz(0.05), rate=1.0)
     with pytest.raises(NotApplicable, match="peak_acceleration needs the stiffness"):

@@ -560,6 +560,15 @@ test_a_unit_that_does_not_fit_a_sine_is_refused = refusals(
 )
 
 
+def test_a_key_is_given_in_one_spelling() -> None:
+    noise = [WhiteNoise(intensity=0.2)]
+    with pytest.raises(SceneError, match="excitations must be left out beside excitation"):
+        Scene(
+            structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+            excitation=noise, excitations=noise,
+        )  # fmt: skip
+
+
 # ------------------------------------------------------------------------------
 # Isolators: several mounts, gravity, tolerances.
 # ------------------------------------------------------------------------------

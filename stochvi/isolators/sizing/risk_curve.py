@@ -216,6 +216,10 @@ class RiskCurve:
 # ------------------------------------------------------------------------------
 
 
+ACCEPTED = 0.01
+"""Default probability that a limit of the hardest impact is exceeded in the mission."""
+
+
 def target_of(
     probability: float | None, rate: float | None, limits: Mapping[str, float], exceedance: float
 ) -> Target:
@@ -237,6 +241,8 @@ def target_of(
     if not 0.0 < exceedance < 1.0:
         raise ValueError(f"exceedance must be in (0, 1), got {exceedance:g}")
     limited = name in HARDNESS
+    if not limited and exceedance != ACCEPTED:
+        raise ValueError(f"exceedance belongs to a limit of the hardest impact, not to a {name}")
     return Target(name=name, value=value, unit=unit, exceedance=exceedance if limited else None)
 
 

@@ -212,10 +212,6 @@ class SearchSettings:
 
 SEARCH = SearchSettings()
 
-ACCEPTED = 0.01
-"""Default probability that a limit of the hardest impact is exceeded in the mission."""
-
-
 SIMULATED = (
     "clearance_in_sigma", "hit_rate", "hit_rate_low", "hit_rate_high", "hits_per_first_hit",
     "impact_speed_mean", "by",

@@ -32,8 +32,8 @@ from stochvi.isolators.sizing.pairs import (
     levels_of_gap,
     nominal_sizing,
 )
-from stochvi.isolators.sizing.risk_curve import target_of
-from stochvi.isolators.sizing.search import ACCEPTED, SEARCH
+from stochvi.isolators.sizing.risk_curve import ACCEPTED, target_of
+from stochvi.isolators.sizing.search import SEARCH
 from stochvi.isolators.sizing.sensitivity import LEAST_SECONDS, worst_case
 from stochvi.isolators.tolerances import Tolerances
 from stochvi.mathematics.numerics import Matrix, Vector
