@@ -386,7 +386,7 @@ def test_the_table_has_limits_and_forces_only_where_there_are_any() -> None:
         found, stiffness_factor=np.arange(1.0, 6.0),
         **{name: of_ones() for name in QUANTITIES},
     )  # fmt: skip
-    assert "2 more points in the file of the map" in printed(many)
+    assert "2 more points in map.csv of --out" in printed(many)
 
 
 def of_ones() -> SpectrumValues:

@@ -501,7 +501,7 @@ def _together(
         scenes, {p.name: p.sweep_rate for p in scene.phases if p.sweep_rate and p.name in busy}
     )
     hits, interval, unseen = _hits_together(busy), None, _unseen(busy)
-    if hits is not None and hits.value > 0.0 and sum(unseen.values()) > hits.value:
+    if hits is not None and hits.upper_95 is not None and len(unseen) < len(busy):
         why = "no impact was seen; raise budget"
         missing |= {f"{name}, expected_hits": why for name in unseen} | missing
         hits = None
