@@ -142,10 +142,13 @@ class Chance:
 
     @property
     def interval(self) -> str:
-        """The interval in words, with its level."""
+        """The interval in words, with its level, and the bias that it leaves out where this
+        matters."""
         ends = spoken_percent(self.lower) if self.lower > 0.0 else "0", spoken_percent(self.upper)
         level = "bounds" if self.confidence == 1.0 else f"{100.0 * self.confidence:g} %"
-        return f"{' to '.join(dict.fromkeys(ends))}, {level}"
+        found = f"{' to '.join(dict.fromkeys(ends))}, {level}"
+        bias = self.estimate.printed_bias if self.estimate.bias_matters else None
+        return f"{found}; bias up to {spoken_percent(bias)}" if bias else found
 
 
 EVENTS = {"hit": "an impact", "passage": "a passage of the barrier"}
