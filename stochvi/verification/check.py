@@ -590,7 +590,8 @@ def zoo(*names: str) -> dict[str, Scene]:
     unknown = [name for name in names if name not in files]
     if unknown:
         raise ValueError(
-            f"names must be those of scenes of the zoo, got {unknown[0]!r}; known: {', '.join(files)}"
+            f"names must be those of scenes of the zoo, got {unknown[0]!r}; known: "
+            f"{', '.join(files)}"
         )
     return {name: load_scene(files[name]) for name in names or files}
 
