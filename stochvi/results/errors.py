@@ -176,6 +176,8 @@ def beyond_arithmetic(error: Exception, document: Any = None) -> str:
     if found is not None and abs(math.log10(abs(found[1]))) >= EXTREME:
         where = f"; look at {found[0]} = {found[1]:g}"
     said = str(error.args[-1]) if error.args else type(error).__name__
+    if isinstance(error, ZeroDivisionError):
+        said = "a divisor is 0"
     return f"{BEYOND} ({said}){where}"
 
 
