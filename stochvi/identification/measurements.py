@@ -567,7 +567,7 @@ def read_test(
     check_mass(mass)
     if kind == "drop":
         return _drop(path, unit, mass, height, pendulum, record)
-    if kind not in [*LAYOUTS]:  # which may be no text
+    if kind not in LAYOUTS:
         raise ValueError(f"kind must be 'speeds', 'times', 'force' or 'drop', got {kind!r}")
     found = _columns(path, kind, unit)
     match kind:

@@ -786,8 +786,8 @@ def production(
         raise ValueError(f"mission must be a positive number of seconds, got {mission}")
     if probability is not None:
         check_movable(scene)
-    if probability is not None and not 0.0 < probability <= CERTAIN:
-        raise ValueError(f"probability must be in (0, {CERTAIN:g}], got {probability:g}")
+        if not 0.0 < probability <= CERTAIN:
+            raise ValueError(f"probability must be in (0, {CERTAIN:g}], got {probability:g}")
     if conditions := unmet(scene):
         raise NotApplicable("production", conditions)
     spreads = spreads_of(scene) if spreads is None else spreads

@@ -17,7 +17,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, ParamSpec, TypeVar, get_origin
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -178,9 +178,10 @@ def _checks_of(function: Callable[..., Any]) -> dict[str, tuple[Callable[[str, A
         kind = each.annotation
         kind = kind if isinstance(kind, str) else inspect.formatannotation(kind)
         plain = kind.removesuffix(LEFT_OUT)
-        if plain.startswith("Callable["):
+        alias = get_origin(getattr(function, "__globals__", {}).get(plain))
+        if plain.startswith("Callable[") or alias is Callable:
             plain = "Progress"
-        if TEXTS_OF_CHOICE.fullmatch(plain):
+        if TEXTS_OF_CHOICE.fullmatch(plain) or alias is Literal:
             plain = "str"
         if plain in CHECKS:
             checks[name] = CHECKS[plain], kind.endswith(LEFT_OUT)

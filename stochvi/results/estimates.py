@@ -664,7 +664,8 @@ def total(parts: Sequence[Estimate], shares: Any = 1.0, how: str = "") -> Estima
     """The sum of independent numbers or rates of events, each times its share.
 
     What was not seen in a part is at most its limit: a bias beside events of other parts. Where
-    these are fewer than the limits, which add in squares, the sum is an upper limit, too.
+    these are fewer than the limits, which add in squares, the sum is an upper limit, too. A bias
+    of theirs that is not known leaves that of the sum unknown.
 
     Examples
     --------
@@ -679,11 +680,12 @@ def total(parts: Sequence[Estimate], shares: Any = 1.0, how: str = "") -> Estima
     factors = np.broadcast_to(shares, len(parts))
     value = float(factors @ [each.value for each in parts])
     limits = factors * [each.upper_95 or 0.0 for each in parts]
-    unseen = math.hypot(*limits)
-    if value > unseen or not unseen:
-        biased = [e if e.upper_95 is None else replace(e, bias=e.upper_95) for e in parts]
-        return combined(value, factors, biased, how=how)
-    seen = combined(value, factors, [replace(e, bias=e.bias or 0.0) for e in parts])
+    known = [each if each.upper_95 is None else replace(each, bias=0.0) for each in parts]
+    seen, unseen = combined(value, factors, known, how=how), math.hypot(*limits)
+    if seen.bias is None or not unseen:
+        return seen
+    if value > unseen:
+        return replace(seen, bias=seen.bias + float(limits.sum()))
     return Estimate(value=0.0, bias=None, how=how, upper_95=seen.interval()[1] + unseen)
 
 

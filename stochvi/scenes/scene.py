@@ -1048,8 +1048,10 @@ class Scene(Checked):
     @property
     def has_records(self) -> bool:
         """Whether a record shakes it, or one of its phases."""
-        parts = (self, *(phase.of(self) for phase in self.phases))
-        return any(each.kind == "record" for part in parts for each in part.excitations)
+        found = [*self.excitations]
+        for phase in self.phases:
+            found += [*phase.own_excitations, *phase.added]
+        return any(each.kind == "record" for each in found)
 
     @property
     def has_shocks(self) -> bool:

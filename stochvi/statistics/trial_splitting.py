@@ -744,6 +744,9 @@ FREQUENT = (0.95, 0.75, 0.5)
 DEPTH = 50.0
 """Factor by which the smallest hazard of a curve lies below the one that is wanted."""
 
+TINY = 1e-300
+"""Smallest probability of which a logarithm is taken."""
+
 
 @dataclass(frozen=True, eq=False)
 class CurveSampler(TrialSampler):
@@ -819,7 +822,3 @@ def _curve_of(
     nearest = int(np.argmin(np.abs(np.log(hazard / wanted))))
     left = (1.0 - value[nearest]) * hazard[nearest]
     return HazardCurve.of(places, chances, mission, float(errors[nearest] / left))
-
-
-TINY = 1e-300
-"""Smallest probability of which a logarithm is taken."""

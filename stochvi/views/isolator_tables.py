@@ -43,10 +43,10 @@ from stochvi.views.sizing import (
 )
 from stochvi.views.statistics import damage_told, plot_damage
 from stochvi.views.tables import (
-    NEVER_TOLERANCES,
     WITHOUT_TOLERANCES,
     four_digits,
     limits_of,
+    never_tolerances,
     of_less_risk,
     of_three_sigma,
     of_your_stops,
@@ -484,9 +484,7 @@ def _shared(sizing: Sizing) -> str:
 
 def clearance_told(found: ClearanceAnswer) -> Told:
     """The clearance to make, the line to copy, and what decides."""
-    stated = Tolerances.of(found.scene).in_words()
-    of_scene = f"tolerances, of the scene ({stated}) or others," if stated else "tolerances,"
-    lines = [NEVER_TOLERANCES.replace("tolerances,", of_scene)]
+    lines = [never_tolerances(Tolerances.of(found.scene).in_words())]
     if isinstance(found, MissionSizing):
         return _told(found, lines, [_phases(found)], assumptions=found.assumptions)
     assert isinstance(found, DamageSizing)

@@ -90,8 +90,18 @@ def modes_in_rows(modes: Sequence[NaturalMode]) -> list[dict[str, Any]]:
 UNKNOWN = "not known"
 
 WITHOUT_TOLERANCES = "Not included: tolerances (--tolerances usual), usually 1.7 to 2 times as much"
-NEVER_TOLERANCES = "Not included: tolerances, usually 1.7 to 2 times as much"
-"""Sentences of an answer whose clearance holds no tolerances, and of one that never does."""
+"""Sentence of an answer whose clearance holds no tolerances."""
+
+
+def never_tolerances(stated: str) -> str:
+    """That of one that never does, with those that its scene states.
+
+    >>> never_tolerances("level ± 3 dB")
+    'Not included: tolerances (level ± 3 dB in the scene), usually 1.7 to 2 times as much'
+    """
+    own = f" ({stated} in the scene)" if stated else ""
+    return f"Not included: tolerances{own}, usually 1.7 to 2 times as much"
+
 
 OF_ONE_MOUNT = (
     "One direction of motion; no rocking, and no coupling of directions.",

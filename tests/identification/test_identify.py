@@ -430,5 +430,6 @@ test_what_is_no_file_of_a_test_is_refused = refusals(
     ("0,1,2\n0,2,3\n1,2,3\n", {"kind": "force", "unit": "s,mm,N"}, "rising times"),
     ("approach (m/s),rebound (m/s)\n1,2\n", {"kind": "drop"}, "mass must be given for a drop"),
     ("1\n2\n", {"kind": "rebound"}, "kind must be"),
+    ("1\n2\n", {"kind": [1.0]}, "kind must be a text"),
     error=(SceneError, ValueError),
 )

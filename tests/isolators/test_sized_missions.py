@@ -233,7 +233,7 @@ def test_tolerances_that_a_scene_states_are_said_to_be_left_out() -> None:
     assert found.clearance == plain.clearance
     words = "tolerances of the scene are not included: natural frequency ± 10 %"
     assert words in found.assumptions and words not in plain.assumptions
-    words = "of the scene (natural frequency ± 10 %)"
+    words = "(natural frequency ± 10 % in the scene)"
     assert words in clearance_told(found).statements[0]
     assert words not in clearance_told(plain).statements[0]
 

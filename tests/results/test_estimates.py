@@ -48,6 +48,7 @@ from stochvi.results.estimates import (
     satterthwaite_degrees,
     student_factor,
     student_quantile,
+    total,
     upper_limit_unseen,
 )
 from stochvi.scenes.datasets import shipped_scene
@@ -56,6 +57,18 @@ from stochvi.scenes.scene import load_scene
 from stochvi.testing import assert_agrees
 from stochvi.views.files import to_json
 from support.known import oscillator
+
+
+@pytest.mark.parametrize("limit", [0.01, 3.0])
+def test_a_sum_beside_what_was_not_seen_is_no_better_known_than_its_parts(limit: float) -> None:
+    unseen = Estimate(value=0.0, bias=None, upper_95=limit)
+    known = total([Estimate(value=1.0, standard_error=0.1, bias=0.2), unseen])
+    if limit < 1.0:
+        assert (known.value, known.bias, known.upper_95) == (1.0, pytest.approx(0.2 + limit), None)
+    else:
+        assert known.value == 0.0 and known.upper_95 == pytest.approx(4.2 + 0.1 * GAUSSIAN_95)
+    vague = total([Estimate(value=1.0, standard_error=0.1, bias=None), unseen])
+    assert (vague.value, vague.bias, vague.upper_95) == (1.0, None, None)
 
 
 @pytest.mark.parametrize(

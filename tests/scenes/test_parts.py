@@ -892,11 +892,11 @@ def test_gaps_over_stops_with_own_distributions_have_the_closed_mean() -> None:
     assert exchanged != pytest.approx(gaps.rate[0, 0] * (upper + lower), rel=1e-2)
 
 
+@pytest.mark.slow
 def test_the_risk_is_that_of_the_same_tolerances_on_the_command_line() -> None:
     scene = scene_from(DOCUMENT | {"impact_pair": [{"clearance": {"mean": 0.0121, "std": 1.5e-4}}
                                                    | {"law": SOFT}]})  # fmt: skip
-    # one seed gives both the same draws: few of them show a difference
-    asked = {"mission": 60.0, "rel_error": 0.9, "seed": 2, "threads": 1}
+    asked = {"mission": 60.0, "rel_error": 0.3, "seed": 2, "threads": 1}
     _, stated = tolerances_of(
         mean_unit(scene), "frequency=normal:3%,damping=uniform:20%,clearance=normal:0.15mm"
     )

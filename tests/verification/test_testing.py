@@ -357,6 +357,7 @@ def test_times_of_impacts_are_those_of_the_counted_path(times: list, sentence: s
         ({"relaxations": math.inf}, "relaxations must be a positive number"),
         ({"seed": -1}, "seed must be in"),
         ({"seed": 1.5}, "seed must be a whole number"),
+        ({"integrator": "mine.py"}, "integrator must be a function, got 'mine.py'"),
     ],
 )
 def test_an_argument_of_judge_out_of_range_is_refused(
@@ -366,7 +367,7 @@ def test_an_argument_of_judge_out_of_range_is_refused(
         raise AssertionError("the integrator was asked")
 
     with pytest.raises(ValueError, match=sentence):
-        judge(untouched, ["linear"], **arguments)
+        judge(**{"integrator": untouched, "scenes": ["linear"]} | arguments)
 
 
 def test_a_scene_that_is_not_judged_is_found_out_before_any_is_solved(monkeypatch) -> None:

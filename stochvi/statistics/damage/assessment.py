@@ -712,11 +712,12 @@ class _Question:
             return found
         warnings = [*found.warnings, "the accuracy asked for was not reached"]
         found = replace(found, warnings=warnings)
-        error, remedy = found.relative_error, "raise budget or rel_error"
-        where = f"at a median relative standard error of {error:.2g}, asked for "
-        where += f"{self.run.accuracy:g}"
-        if error <= self.run.accuracy:  # that of the motion between impacts
+        asked, error = self.run.accuracy, found.relative_error
+        if error <= asked:  # that of the motion between impacts
             where, remedy = "before enough impacts were seen for their damage", "raise budget"
+        else:
+            where = f"at a median relative standard error of {error:.2g}, asked for {asked:g}"
+            remedy = "raise budget or rel_error"
         raise self.run.deadline.fell_short(where, remedy, found)
 
     def answer(

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
-from stochvi.mathematics.units import STANDARD_GRAVITY, shown
+from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.base import (
     COMMON,
     RESPONSE_QUANTITIES,
@@ -937,10 +937,6 @@ def judge(
     True
     """
     _check_allowed(allowed_percent)
-    if not callable(integrator):
-        raise ValueError(
-            f"integrator must be a function of a problem and a seed, got {shown(integrator)}"
-        )
     check_options({"seed": seed})
     known = known_problems(scenes, paths=paths, relaxations=relaxations)
     seeds = seeds_of(seed, len(known))
