@@ -148,7 +148,9 @@ class Chance:
         level = "bounds" if self.confidence == 1.0 else f"{100.0 * self.confidence:g} %"
         found = f"{' to '.join(dict.fromkeys(ends))}, {level}"
         bias = self.estimate.printed_bias if self.estimate.bias_matters else None
-        return f"{found}; bias up to {spoken_percent(bias)}" if bias else found
+        if not bias or self.confidence == 1.0:  # bounds hold it
+            return found
+        return f"{found}; bias up to {spoken_percent(float(f'{bias:.2g}'))}"
 
 
 EVENTS = {"hit": "an impact", "passage": "a passage of the barrier"}
