@@ -2,7 +2,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: demo test slow everywhere lowest clocks verify verify-tenth distributed lint docs studies bench clean
+.PHONY: demo test slow everywhere lowest plugin clocks verify verify-tenth distributed lint docs studies bench clean
 
 demo: .venv/test-installed
 	$(BIN)/stochvi demo --out out
@@ -20,6 +20,13 @@ everywhere: .venv/test-installed
 # the demo and a part of the suite with the lowest versions that pyproject allows
 lowest: .venv/bin/python
 	$(BIN)/python .ci/lowest.py
+
+# the example of a package with parts of its own, installed into a folder of its own
+plugin: .venv/test-installed
+	folder=$$(mktemp -d) && $(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	  --no-deps --no-build-isolation --no-index --target $$folder docs/plugin && \
+	PYTHONPATH=$$folder $(BIN)/python -m pytest -c docs/plugin/pyproject.toml docs/plugin && \
+	rm -r $$folder
 
 # the suite with clocks that are fast, as on a slow machine, and slow
 clocks: .venv/test-installed

@@ -22,6 +22,7 @@ from .methods.linearisation import linearise
 from .methods.monte_carlo import simulate
 from .methods.periodic import harmonic_response
 from .methods.replay import replay
+from .notices import InputWarning, KernelWarning, OutputWarning, PartWarning, StochviWarning
 from .results.base import Response
 from .results.errors import NotApplicable, NotConverged, SceneError, StochviError
 from .results.estimates import Estimate
@@ -72,11 +73,15 @@ __all__ = [
     "ForceFunction",
     "ForceTable",
     "ImpactPair",
+    "InputWarning",
     "Isolator",
+    "KernelWarning",
     "Matrices",
     "NotApplicable",
     "NotConverged",
     "Oscillator",
+    "OutputWarning",
+    "PartWarning",
     "PowerLaw",
     "RecordedNoise",
     "Response",
@@ -89,6 +94,7 @@ __all__ = [
     "SpeedRestitution",
     "StateSpaceNoise",
     "StochviError",
+    "StochviWarning",
     "TabulatedNoise",
     "TransferFunctionNoise",
     "Viscoelastic",

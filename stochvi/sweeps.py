@@ -23,6 +23,7 @@ from stochvi.isolators.tolerances import Spread, check_spreads, spreads_of
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import MEASURED, measured_in, plain_number
 from stochvi.model.model import model_of
+from stochvi.notices import InputWarning, OutputWarning
 from stochvi.results.base import DataFrame, Response, Result, frame_of, plain
 from stochvi.results.deadline import Progress
 from stochvi.results.errors import (
@@ -129,7 +130,7 @@ def sweep(
     out
         Folder in which rows are kept. A row of the same scene, arguments and versions that is kept
         there is not computed again. A row that was being simulated goes on from its checkpoint. A
-        damaged file leads to a UserWarning that names it, and its row is computed again.
+        damaged file leads to an InputWarning that names it, and its row is computed again.
     common
         Whether all rows use the same seed, so that rows differ by their scenes and not by their
         random numbers. Otherwise each row has a seed of its own, made of `seed` and its scene.
@@ -381,7 +382,7 @@ class Job:
             try:
                 write_text(to_json(response.to_dict()) + "\n", kept)
             except OSError as error:  # the row itself is not lost
-                warnings.warn(f"{kept}: {reason_of(error)}: the row was not kept", stacklevel=2)
+                warnings.warn(f"{kept}: {reason_of(error)}: the row was not kept", OutputWarning, 2)
             else:
                 kept.with_suffix(".checkpoint").unlink(missing_ok=True)
         return self._columns(response, note or self._doubt())
@@ -517,7 +518,7 @@ def _kept_answer(kept: Path) -> Response | Summary | None:
 
 
 def _again(file: Path, reason: str) -> None:
-    warnings.warn(f"{file} {reason}: its row is computed again", stacklevel=2)
+    warnings.warn(f"{file} {reason}: its row is computed again", InputWarning, stacklevel=2)
 
 
 SAMPLING = ("simulate", "size", "reliability")

@@ -23,6 +23,7 @@ import click
 from stochvi.results.deadline import Pace, Progress
 from stochvi.results.errors import RENAMED, SceneError, TargetError, told_of_name, visible
 from stochvi.results.files import named_files
+from stochvi.scenes.outside import Parts
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -212,12 +213,21 @@ class Commands(click.Group):
 
     command_class = Command
 
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self.commands: Parts[click.Command] = Parts("commands", self.commands, _command_called)
+
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The commands by what a user does, the theory and the judging in a line each."""
-        for heading, lines in HELP.items():
+        """The commands by what a user does, the theory and the judging in a line each; then those
+        of other packages."""
+        shipped = set(self.commands)
+        with notes_of_warnings():
+            others = self.commands.with_others().keys() - shipped
+        more = {"Of other packages": tuple(sorted(others))} if others else {}
+        for heading, lines in (HELP | more).items():
             known = [self.commands.get(line) for line in lines]
             own = [each.get_short_help_str(formatter.width) if each else "" for each in known]
             with formatter.section(heading):
@@ -244,6 +254,13 @@ class Commands(click.Group):
             return found
         except (Exception, KeyboardInterrupt) as error:
             _stop_for(error)
+
+
+def _command_called(name: str, given: Any) -> click.Command:
+    """The command of another package."""
+    if not isinstance(given, click.Command):
+        raise TypeError(f"must be a click.Command, got {given!r}")
+    return given
 
 
 def _stop_for(error: BaseException) -> NoReturn:

@@ -173,7 +173,7 @@ level_db = 0.0
 
 @main.command()
 def profiles() -> None:
-    """List the tabulated environments that ship."""
+    """List the tabulated environments that ship, and those of other packages."""
     from stochvi.mathematics.units import STANDARD_GRAVITY
     from stochvi.scenes.datasets import profiles as shipped
     from stochvi.scenes.excitations import TabulatedNoise
@@ -188,7 +188,7 @@ def profiles() -> None:
             "g rms": TabulatedNoise(profile=profile.name).table.mean_square() ** 0.5
             / STANDARD_GRAVITY,
         }
-        for profile in shipped().values()
+        for profile in shipped().with_others().values()
     ]
     table = Grid.of("profiles, g rms as stated and recomputed", rows)
     print_told(console_for(None), Told(sections=[Section(grids=table)]))

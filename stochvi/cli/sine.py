@@ -16,6 +16,7 @@ from stochvi.cli.options import (
     judged_phase,
 )
 from stochvi.cli.program import FAILED, executor_at, stop
+from stochvi.notices import InputWarning
 from stochvi.statistics.hardness import HARDNESS
 
 
@@ -231,7 +232,7 @@ def sweep(
     record, judged_in = (None, "") if method == "replay" else judged_phase(loaded)
     options.say(record_told(record, judged_in), sweep_told(table, list(ranges), method))
     for doubt in doubts_of(loaded) if method == "replay" else ():
-        warnings.warn(doubt, stacklevel=2)
+        warnings.warn(doubt, InputWarning, stacklevel=2)
     if options.out is not None:
         write_sweep(table, list(ranges), options.out, loaded.title)
     fail_unless_gaussian(record)

@@ -46,6 +46,7 @@ from numba.core.untyped_passes import InlineClosureLikes
 
 from stochvi.engine.borrowed import BorrowedTuple
 from stochvi.engine.late_exceptions import disturbed, undisturbed
+from stochvi.notices import KernelWarning
 
 # ------------------------------------------------------------------------------
 # The digest of everything that a kernel is made of.
@@ -599,6 +600,7 @@ def _say_uncompiled() -> None:
     warnings.warn(
         "NUMBA_DISABLE_JIT is set: kernels are not compiled, take a hundred times as long, and "
         "give other last digits than compiled ones; unset it",
+        KernelWarning,
         stacklevel=3,
     )
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import CHECKS, STANDARD_GRAVITY, checked, listed_units, with_checks
 from stochvi.mathematics.units import unit as unit_called
+from stochvi.notices import InputWarning
 from stochvi.results.errors import SceneError
 from stochvi.scenes.impact_laws import CompliantLaw, ImpactLaw, RigidLaw
 from stochvi.scenes.readers import si_columns
@@ -610,7 +611,7 @@ def _drop(
         raise ValueError("mass must be given for a drop (kg), got none")
     record, columns = read_record(path, **keys)
     if cut_off(record.values):
-        warnings.warn(f"record {path.name}: {CUT_OFF}", stacklevel=4)
+        warnings.warn(f"record {path.name}: {CUT_OFF}", InputWarning, stacklevel=4)
     known = columns.unit
     if given is not None:
         named = unit_called(given)

@@ -32,6 +32,7 @@ from stochvi.scenes.validation import (
     arguments_fault,
     evaluated,
     integral_of,
+    kind_of,
 )
 
 # ------------------------------------------------------------------------------
@@ -1194,7 +1195,7 @@ def _kinds(base: type[Characteristic]) -> Iterator[type[Characteristic]]:
     """Every class that says its kind."""
     for each in base.__subclasses__():
         yield from _kinds(each)
-        if isinstance(getattr(each.model_fields.get("kind"), "default", None), str):
+        if kind_of(each) is not None:
             yield each
 
 
@@ -1205,13 +1206,13 @@ def _listed(value: Any) -> Any:
 
 
 Spring = Annotated[
-    tuple[Annotated[SpringForce, OneOf(_kinds(SpringForce))], ...],
+    tuple[Annotated[SpringForce, OneOf(_kinds(SpringForce), "laws", (SpringForce,))], ...],
     BeforeValidator(_listed), Field(min_length=1),
 ]  # fmt: skip
 """Springs that are functions: one of them, or a list."""
 
 Damper = Annotated[
-    tuple[Annotated[DamperForce, OneOf(_kinds(DamperForce))], ...],
+    tuple[Annotated[DamperForce, OneOf(_kinds(DamperForce), "laws", (DamperForce,))], ...],
     BeforeValidator(_listed), Field(min_length=1),
 ]  # fmt: skip
 """Dampers that are functions: one of them, or a list."""

@@ -6,9 +6,11 @@ import csv
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from stochvi.mathematics.units import checked
 from stochvi.results.errors import SceneError
+from stochvi.scenes.outside import Parts
 from stochvi.scenes.text_tables import read_table
 
 
@@ -38,13 +40,14 @@ def data_folder() -> Path:
 
 
 @cache
-def profiles() -> dict[str, Profile]:
+def profiles() -> Parts[Profile]:
     """Every profile that ships, by name.
 
     Returns
     -------
     dict[str, Profile]
-        Profiles by the names that scenes use.
+        Profiles by the names that scenes use. One of another package is found by its name, and
+        `with_others()` adds all of them.
 
     See Also
     --------
@@ -68,7 +71,15 @@ def profiles() -> dict[str, Profile]:
             stated_g_rms=float(row["stated_g_rms"]),
             source=row["source"],
         )
-    return found
+    return Parts("profiles", found, _profile_called)
+
+
+def _profile_called(name: str, given: Any) -> Profile:
+    """The profile that another package gives, as such or by a function."""
+    profile = given() if callable(given) else given
+    if not isinstance(profile, Profile) or profile.name != name:
+        raise TypeError(f"must be a stochvi.scenes.Profile of the name {name!r}, got {profile!r}")
+    return profile
 
 
 @checked

@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.units import DENSITIES, UNITS, Unit, listed_units, shown, unit
@@ -28,12 +28,14 @@ from stochvi.results.deadline import in_command
 from stochvi.results.errors import SceneError
 from stochvi.scenes import foreign_reader
 from stochvi.scenes.foreign_reader import MOST_NUMBERS, MOST_SECONDS, REAL
+from stochvi.scenes.outside import Parts, origin_of
 from stochvi.scenes.text_tables import (
     VALUES,
     Heading,
     TextTable,
     check_file,
     read_text_table,
+    table_of_columns,
     unit_in,
 )
 
@@ -190,6 +192,10 @@ def _array(file: Any, size: int) -> NDArray[Any]:
 UFF_SUFFIXES = (".uff", ".unv", ".ufb", ".uf")
 ARRAY_SUFFIXES = (".mat", ".npy", ".npz")
 IDE_SUFFIXES = (".ide",)
+TEXT_SUFFIXES = ("", ".csv", ".txt", ".tsv", ".asc", ".dat", ".lvm")
+
+Reader = Callable[[Path], Mapping[str, ArrayLike]]
+"""Reads a file: its columns by their headings, which state units as those of a text file do."""
 
 LISTED = 20
 """Largest number of arrays, datasets or channels of a file that a sentence lists."""
@@ -275,14 +281,44 @@ def read_columns(
     if suffix in IDE_SUFFIXES:
         return _read_ide(path, names, column)
     with in_command():  # millions of lines that are not plain numbers take a minute
-        return _read_text(path, names, column, function_type)
+        if suffix not in TEXT_SUFFIXES and suffix[1:] in OF_PACKAGES:
+            table = _table_of_package(path, suffix[1:], names)
+        else:
+            largest = LARGEST_DATA_FILE if function_type == TIME_RESPONSE else None
+            table = read_text_table(path, names, largest)
+        return _columns_of(table, names, column, function_type)
 
 
-def _read_text(
-    path: Path, names: Sequence[str], column: int | str | None, function_type: int
+def _reader_called(name: str, given: Any) -> Reader:
+    """The reader of another package."""
+    if not callable(given):
+        raise TypeError(f"must be a function of a path, got {given!r}")
+    reader: Reader = given
+    return reader
+
+
+OF_PACKAGES: Parts[Reader] = Parts("readers", {}, _reader_called)
+"""Readers of other packages by the ending of a name; formats that are read here keep theirs."""
+
+
+def _table_of_package(path: Path, ending: str, names: Sequence[str]) -> TextTable:
+    check_file(path, LARGEST_DATA_FILE)
+    try:
+        return table_of_columns(path, OF_PACKAGES[ending](path), names)
+    except SceneError:
+        raise
+    except Exception as error:
+        raise SceneError(
+            f"{path} was not read by {origin_of(OF_PACKAGES[ending])}, which reads .{ending} "
+            f"files: {type(error).__name__}: {error}"
+        ) from None
+
+
+def _columns_of(
+    table: TextTable, names: Sequence[str], column: int | str | None, function_type: int
 ) -> Columns:
+    path = table.path
     record, quantity = function_type == TIME_RESPONSE, _abscissa(function_type)
-    table = read_text_table(path, names, LARGEST_DATA_FILE if record else None)
     count = len(table.headings)
     chosen = None if column is None else table.column_called(column)
     if chosen is None and count > len(names) == len(table.numeric):

@@ -49,9 +49,16 @@ from stochvi.scenes.impact_laws import (
     Viscoelastic,
 )
 from stochvi.scenes.impact_laws.compliant import AS_WRITTEN
+from stochvi.scenes.outside import origin_of
 from stochvi.scenes.pair_tables import read_pairs
 from stochvi.scenes.phases import Phase
-from stochvi.scenes.structures import Matrices, NonlinearOscillator, Oscillator, Structure
+from stochvi.scenes.structures import (
+    AnyStructure,
+    Matrices,
+    NonlinearOscillator,
+    Oscillator,
+    Structure,
+)
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody, Triple, rows_at
 from stochvi.scenes.text_tables import read_text
 from stochvi.scenes.validation import (
@@ -377,7 +384,7 @@ class Scene(Checked):
     """
 
     title: str = ""
-    structure: Annotated[Structure, OneOf(get_args(Structure))]
+    structure: Annotated[Structure, OneOf(get_args(Structure), "structures", (AnyStructure,))]
     impact_pairs: tuple[ImpactPair, ...] = Field(default=(), alias="impact_pair")
     pairs: str | dict[str, Any] | None = Field(default=None, exclude=True)
     excitations: Excitations = Field(alias="excitation")
@@ -1227,6 +1234,13 @@ class Scene(Checked):
                 found += excitation.assumptions(*self._resonance())
         noises = [each for each in self.excitations if isinstance(each, DensityNoise)]
         found += dict.fromkeys(sentence for each in noises for sentence in each.of_its_kurtosis)
+        functions = [part.law for part in self.structure.functions]
+        parts = (self.structure, *self.excitations, *functions, *laws)
+        found += dict.fromkeys(
+            f"{part.kind!r} is a part of {origin}, which no check of stochvi covers"
+            for part in parts
+            if (origin := origin_of(part))
+        )
         return (*found, *self._reaction(), *self.at_means())
 
     def at_means(self) -> tuple[str, ...]:

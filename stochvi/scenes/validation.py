@@ -46,6 +46,7 @@ from pydantic_core.core_schema import tagged_union_schema, with_info_plain_valid
 from stochvi.mathematics.numerics import Vector, gauss_legendre
 from stochvi.mathematics.units import Unit, explain_methods, measured, plain_number, unit
 from stochvi.results.errors import SceneError, beyond_arithmetic
+from stochvi.scenes.outside import Parts
 
 
 def _plain_number(value: Any) -> Any:
@@ -369,20 +370,27 @@ class OneOf:
     Parameters
     ----------
     kinds : classes with a default of their key `kind`.
+    group : the entry points by which other packages add classes, as "laws".
+    bases : classes that those of other packages, and of a user, are derived from.
     usual : the kind of a part that does not say it; None where it has to.
     """
 
-    def __init__(self, kinds: Iterable[type[Checked]], usual: str | None = None) -> None:
-        self.kinds = {each.model_fields["kind"].default: each for each in kinds}
+    def __init__(
+        self, kinds: Iterable[type[Checked]], group: str, bases: tuple[type[Checked], ...],
+        usual: str | None = None,
+    ) -> None:  # fmt: skip
+        self.shipped = {str(kind_of(each)): each for each in kinds}
+        self.kinds = Parts(group, self.shipped, self._own_class)
+        self._bases = bases
         self._usual = usual
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
         return with_info_plain_validator_function(self._validated)
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
-        for each in self.kinds.values():
+        for each in self.shipped.values():
             each.model_rebuild()
-        built = {kind: each.__pydantic_core_schema__ for kind, each in self.kinds.items()}
+        built = {kind: each.__pydantic_core_schema__ for kind, each in self.shipped.items()}
         found: dict[str, Any] = handler(tagged_union_schema(built, "kind"))
         return found
 
@@ -393,15 +401,43 @@ class OneOf:
             raise PydanticKnownError("model_attributes_type")
         if kind is None:
             raise PydanticKnownError("union_tag_not_found", {"discriminator": "'kind'"})
+        if isinstance(value, self._bases) and kind not in self.shipped:
+            self.kinds[kind] = self._own_class(kind, type(value))
         if not isinstance(kind, str) or kind not in self.kinds:
             expected = ", ".join(map(repr, self.kinds))
             raise PydanticKnownError(
                 "union_tag_invalid",
                 {"discriminator": "'kind'", "tag": str(kind), "expected_tags": expected},
             )
-        named = self.kinds[kind].__pydantic_validator__
-        found: Checked = named.validate_python(value, context=info.context)
+        named = self.kinds[kind]
+        if isinstance(value, Checked) and not isinstance(value, named):
+            raise ValueError(f"has kind {kind!r}, which is that of {named.__name__}; "
+                             f"give {type(value).__name__} a kind of its own")  # fmt: skip
+        found: Checked = named.__pydantic_validator__.validate_python(value, context=info.context)
         return found
+
+    def _own_class(self, kind: str, part: Any) -> type[Checked]:
+        """The class of a user's own kind of part, if methods can follow it."""
+        bases = " or ".join(each.__name__ for each in self._bases)
+        if not (isinstance(part, type) and issubclass(part, self._bases)):
+            raise ValueError(f"must be a class derived from {bases}, got {part!r}")
+        for each in self.shipped.values():
+            if issubclass(part, each):
+                raise ValueError(
+                    f"must not be derived from {each.__name__}, as methods would follow "
+                    f"{part.__name__} only in part; derive it from {bases}"
+                )
+        if kind_of(part) != kind:
+            raise ValueError(f"must have kind: Literal[{kind!r}] = {kind!r}, got {kind_of(part)!r}")
+        if lacking := sorted(part.__abstractmethods__):
+            raise ValueError(f"must define {', '.join(lacking)}")
+        return part
+
+
+def kind_of(part: type[BaseModel]) -> str | None:
+    """The kind that a class of parts states, None of one that states none."""
+    found = getattr(part.model_fields.get("kind"), "default", None)
+    return found if isinstance(found, str) else None
 
 
 def _problems(error: ValidationError, model: type[BaseModel]) -> list[tuple[str, str]]:

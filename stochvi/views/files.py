@@ -24,6 +24,7 @@ from rich.console import Console
 from rich.text import Text
 
 from stochvi.mathematics.numerics import Vector
+from stochvi.notices import OutputWarning
 from stochvi.results.base import DataFrame, in_chosen_units, unit_of_column
 from stochvi.results.deadline import NEVER, Deadline, in_command
 from stochvi.results.errors import Interrupted, NotConverged, TargetError, visible
@@ -366,7 +367,8 @@ def also_written(formats: Iterable[str]) -> Iterator[None]:
             if not any(each):
                 warnings.warn(
                     f"no table of this answer is a function of time or frequency, so that no "
-                    f"{name} file was written; CSV and mat hold the tables", stacklevel=2,
+                    f"{name} file was written; CSV and mat hold the tables",
+                    OutputWarning, stacklevel=2,
                 )  # fmt: skip
     finally:
         _formats.reset(before)
@@ -379,7 +381,8 @@ def write_report_page(html: str, path: Path) -> None:
     if "pdf" not in _formats.get():
         return
     if not time_for_pictures():
-        warnings.warn("the PDF was not made, as no time was left; raise the budget", stacklevel=2)
+        reason = "the PDF was not made, as no time was left; raise the budget"
+        warnings.warn(reason, OutputWarning, stacklevel=2)
         return
 
     write_bytes(pdf_of(html), path.with_suffix(".pdf"))
@@ -436,10 +439,10 @@ def time_for_pictures() -> bool:
 
 
 def try_picture(draw: Callable[[], Axes], path: Path) -> None:
-    """Write the picture that `draw` returns; a picture that cannot be drawn gives a UserWarning and
-    no error, so that the answer is kept. After Ctrl-C none is drawn."""
+    """Write the picture that `draw` returns; one that cannot be drawn gives an OutputWarning and no
+    error, so that the answer is kept. After Ctrl-C none is drawn."""
     if _pictures_until.get().interrupted:
-        warnings.warn(f"{path.name} was not drawn, because of Ctrl-C", stacklevel=2)
+        warnings.warn(f"{path.name} was not drawn, because of Ctrl-C", OutputWarning, stacklevel=2)
         return
     import matplotlib.pyplot as plt
 
@@ -451,6 +454,7 @@ def try_picture(draw: Callable[[], Axes], path: Path) -> None:
     except Exception as error:
         warnings.warn(
             f"{path.name} could not be drawn ({error}); the answer was kept without it",
+            OutputWarning,
             stacklevel=2,
         )
     finally:

@@ -58,8 +58,9 @@ EXCITATIONS: tuple[type[BaseExcitation], ...] = tuple(
 )
 """The classes of excitations: those of `Excitation`, and all drives that a simulation draws."""
 
+_one_of = OneOf(EXCITATIONS, "excitations", (DrawnExcitation, DensityNoise))
 Excitations = Annotated[
-    tuple[Annotated[Excitation, OneOf(EXCITATIONS)], ...], BeforeValidator(kinds_of_filters)
+    tuple[Annotated[Excitation, _one_of], ...], BeforeValidator(kinds_of_filters)
 ]
 """Excitations of a scene, or of a phase of its mission."""
 

@@ -22,7 +22,7 @@ from stochvi.scenes.impact_laws.compliant import (
     Viscoelastic,
 )
 from stochvi.scenes.impact_laws.rigid import Restitution, SpeedRestitution
-from stochvi.scenes.validation import OneOf
+from stochvi.scenes.validation import OneOf, kind_of
 
 __all__ = [
     "CompliantLaw",
@@ -51,12 +51,13 @@ def _laws(base: type[ImpactLaw] = ImpactLaw) -> Iterator[type[ImpactLaw]]:
     """Every class of laws that says its kind."""
     for each in base.__subclasses__():
         yield from _laws(each)
-        if isinstance(getattr(each.model_fields.get("kind"), "default", None), str):
+        if kind_of(each) is not None:
             yield each
 
 
 for _module in pkgutil.iter_modules(__path__, f"{__name__}."):
     import_module(_module.name)
 
-Law = Annotated[ImpactLaw, OneOf(_laws(), usual="restitution"), BeforeValidator(_no_function)]
+_one_of = OneOf(_laws(), "laws", (RigidLaw, CompliantLaw), usual="restitution")
+Law = Annotated[ImpactLaw, _one_of, BeforeValidator(_no_function)]
 """Every law that a stop may follow."""

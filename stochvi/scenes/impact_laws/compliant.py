@@ -115,7 +115,8 @@ class ImpactLaw(Checked):
 
     own: ClassVar[str] = (
         "a force of your own is a ForceFunction or a ForceTable, a restitution of your own a "
-        "SpeedRestitution"
+        "SpeedRestitution; a law with keys of its own is derived from CompliantLaw or RigidLaw, "
+        "with a kind of its own"
     )
 
     if TYPE_CHECKING:
