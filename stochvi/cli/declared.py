@@ -4,6 +4,7 @@ calculation."""
 from __future__ import annotations
 
 import contextlib
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -21,6 +22,7 @@ from stochvi.cli.options import (
     shown,
 )
 from stochvi.cli.program import FAILED, main, stop
+from stochvi.notices import InputWarning
 
 if TYPE_CHECKING:
     from stochvi.isolators.record_verdict import RecordVerdict
@@ -136,6 +138,8 @@ def declare(
             from stochvi.scenes.scene import load_scene
 
             loaded = load_scene(scene)
+            for told in loaded.slipped_units():  # before anything takes its time
+                warnings.warn(told, InputWarning, stacklevel=2)
             question = Question(options, scene, loaded, dict(asked), of, shares, progress, judged)
             show = own(question) or question.show
             carried: list[RecordVerdict | None] = []

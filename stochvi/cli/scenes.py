@@ -3,6 +3,7 @@ ship."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import click
 
 from stochvi.cli.declared import command
 from stochvi.cli.options import Common
-from stochvi.cli.program import BAD_INPUT, console_for, main, stop
+from stochvi.cli.program import BAD_INPUT, console_for, echo, main, stop
 
 # ------------------------------------------------------------------------------
 # The command `demo`: the truck is sized; or theory, a textbook oscillator by all methods.
@@ -84,6 +85,21 @@ KINDS = {
     "hammer": "hammer",
 }
 """Shipped scenes that `new` copies, by the kind that --kind names."""
+
+MOUNTED = {
+    "mass": ("Mass of the equipment", "kg", "12 kg"),
+    "mounts": ("Number of mounts", "", "4"),
+    "stiffness": ("Stiffness of one mount", "N/m", "17 N/mm"),
+    "zeta": ("Damping ratio", "", "0.1"),
+}
+"""Numbers of equipment on its mounts: the question, the unit, and a usual value."""
+
+OWN_NUMBERS = {
+    "mission": MOUNTED,
+    "wire-rope": MOUNTED | {"zeta": ("Damping ratio beside the loop of the rope", "", "0.02")},
+    "box": MOUNTED | {"size": ("Length, width and height", "m", "400mm,300mm,200mm")},
+}
+"""Kinds that `new` writes with numbers of the user, and these numbers."""
 
 TEMPLATE = """\
 title = "isolated box on a truck"
@@ -197,26 +213,40 @@ def profiles() -> None:
 @main.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option(
-    "--kind", type=click.Choice(["any", *KINDS]), default="any",
+    "--kind", type=click.Choice(["any", *OWN_NUMBERS, *KINDS]), default="any",
     show_default=True,
-    help="Kind of scene: any has every key, in comments; bumper, road, vehicle, record, potholes "
-    "and sine are isolators with their tables; rigid-body is a box on its mounts, hammer a "
-    "percussion machine, modes a structure by its natural modes.",
+    help="Kind of scene: any has every key, in comments; mission, wire-rope and box are of your "
+    "numbers; bumper, road, vehicle, record, potholes and sine are isolators with their tables; "
+    "rigid-body is a box on its mounts, hammer a percussion machine, modes a structure by its "
+    "natural modes.",
 )  # fmt: skip
-def new(file: Path, kind: str) -> None:
-    """Write a commented scene file to start from."""
+@click.option("--mass", help="Mass, as 35kg, for mission, wire-rope or box.")
+@click.option("--mounts", help="Number of mounts.")
+@click.option("--stiffness", help="Stiffness of one mount, as 35N/mm.")
+@click.option("--zeta", help="Damping ratio of the mounts.")
+@click.option("--size", help="Length, width and height of the box, as 400mm,300mm,200mm.")
+def new(file: Path, kind: str, **given: str | None) -> None:
+    """Write a commented scene file to start from.
+
+    Kinds with numbers of yours ask for those that are missing, if there is a terminal.
+    """
     from stochvi.cli.program import check_file_target
     from stochvi.results.files import write_whole
     from stochvi.scenes.datasets import scene_files
     from stochvi.views.files import write_text
 
-    shipped = [] if kind == "any" else scene_files(KINDS[kind])
+    asked = OWN_NUMBERS.get(kind, {})
+    if unknown := [f"--{name}" for name, text in given.items() if text and name not in asked]:
+        kinds = [each for each, names in OWN_NUMBERS.items() if unknown[0][2:] in names]
+        stop(f"{unknown[0]} is for --kind {', '.join(kinds)}; got --kind {kind}", BAD_INPUT)
+    shipped = [] if kind == "any" or asked else scene_files(KINDS[kind])
     tables = shipped[1:]
     for target in (file, *(file.parent / table.name for table in tables)):
         if target.exists():
             stop(f"{target} exists already; choose another name", BAD_INPUT)
         check_file_target("FILE", target, ())
-    write_text(shipped[0].read_text("utf-8") if shipped else TEMPLATE, file)
+    text = _with_numbers(kind, given) if asked else TEMPLATE
+    write_text(shipped[0].read_text("utf-8") if shipped else text, file)
     for table in tables:
         write_whole(table.read_bytes(), file.parent / table.name)
     written = ", ".join(str(path) for path in (file, *(file.parent / t.name for t in tables)))
@@ -229,7 +259,72 @@ def new(file: Path, kind: str) -> None:
         "modes": f"explain {file}, and stochvi simulate {file} --out out",
         "hammer": f"sine {file} --from 8 --to 16 --out out, and stochvi impacts {file}",
     }.get(kind, f"size {file} --probability 0.01 --out out")
+    if asked:
+        from stochvi.scenes.scene import load_scene
+
+        for told in load_scene(file).slipped_units():
+            echo(f"note: {told}")
     click.echo(f"wrote {written}; try: stochvi {try_it}", err=True)
+
+
+def _with_numbers(kind: str, given: dict[str, str | None]) -> str:
+    """A scene of a kind with the numbers that are given, or asked for where there is a terminal."""
+    from string import Template
+
+    from stochvi.mathematics.units import measured_in
+    from stochvi.scenes.datasets import data_folder
+
+    numbers: dict[str, list[float]] = {}
+    for name, (words, unit, usual) in OWN_NUMBERS[kind].items():
+        text = given[name]
+        if text is None and sys.stdin is not None and sys.stdin.isatty():
+            text = click.prompt(words, default=usual, err=True)
+        elif text is None:
+            text = usual
+            echo(f"note: --{name} {usual} was taken for the {words.lower()}")
+        try:
+            numbers[name] = [measured_in(each, unit) for each in text.split(",")]
+        except ValueError as error:
+            raise ValueError(f"--{name} {error}") from None
+    fields = {name: f"{values[0]:.6g}" for name, values in numbers.items()}
+    (mass, mounts, stiffness, zeta) = (numbers[name][0] for name in MOUNTED)
+    if mounts < 1 or mounts != int(mounts):
+        raise ValueError(f"--mounts must be a whole number from 1 on, got {mounts:g}")
+    fields |= {"soft": f"{0.25 * stiffness:.6g}", "slips": f"{0.75 * stiffness:.6g}"}
+    if kind == "box":
+        fields |= _box(mass, int(mounts), stiffness, zeta, numbers["size"])
+    path = data_folder() / "scenes" / "templates" / f"{kind}.txt"
+    return Template(path.read_text("utf-8")).substitute(fields)
+
+
+def _box(
+    mass: float, mounts: int, stiffness: float, zeta: float, size: list[float]
+) -> dict[str, str]:
+    """Inertia, corners and mounts of a uniform box, whose mounts stand in two rows below it."""
+    if len(size) != 3:
+        raise ValueError(
+            f"--size must be length, width and height, as 400mm,300mm,200mm, got {size}"
+        )
+    if mounts < 4 or mounts % 2:
+        raise ValueError(f"--mounts of a box must be an even number from 4 on, got {mounts}")
+    x, y, z = (0.5 * each for each in size)
+    inertia = [mass / 3.0 * pair for pair in (y * y + z * z, x * x + z * z, x * x + y * y)]
+    steps = [2.0 * row / (mounts // 2 - 1) - 1.0 for row in range(mounts // 2)]
+    sections = [
+        f"[[structure.mount]]\nat = {_listed([x * step, y * side, -z])}   # m from the centre of "
+        f"mass\nstiffness = {_listed([stiffness] * 3)}   # N/m along x, y, z\nzeta = {zeta:g}\n"
+        for step in steps
+        for side in (-1.0, 1.0)
+    ]
+    return {
+        "inertia": _listed(inertia), "size": " x ".join(f"{each:g}" for each in size),
+        "corner": _listed([x, y, -z]), "side": _listed([0.0, y, 0.0]),
+        "sections": "\n".join(sections),
+    }  # fmt: skip
+
+
+def _listed(numbers: list[float]) -> str:
+    return f"[{', '.join(f'{each:.4g}' for each in numbers)}]"
 
 
 @main.command()

@@ -1047,7 +1047,7 @@ def _cautions(scene: Scene, model: Model) -> tuple[str, ...]:
     own = model.rates or (0.0, 0.0)
     slowest = _slowest_mode(model) if linear else None
     numbers = own if alone or slowest is None else slowest
-    found = [
+    found = scene.slipped_units() + [
         sentence
         for each in scene.excitations
         if isinstance(each, DensityNoise)

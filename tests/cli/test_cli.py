@@ -475,6 +475,74 @@ def test_new_writes_a_scene_that_is_valid(stochvi: Run, tmp_path: Path):
     )  # fmt: skip
 
 
+NUMBERS = ("--mass", "35kg", "--mounts", "6", "--stiffness", "35N/mm", "--zeta", "0.12")
+
+
+@pytest.mark.parametrize(("kind", "answers"), [
+    ("mission", 2), ("wire-rope", 1), ("box", 1),
+])  # fmt: skip
+def test_new_writes_a_scene_of_the_numbers_of_a_user(stochvi: Run, tmp_path: Path, kind, answers):
+    file = tmp_path / "scene.toml"
+    more = ("--size", "400mm,300mm,200mm") if kind == "box" else ()
+    code, _, err = stochvi("new", file, "--kind", kind, *NUMBERS, *more)
+    assert (code, "note" in err) == (0, False)
+    scene = load_scene(file)
+    assert len(scene.phases or [scene]) == answers
+    mass, _, stiffness = scene.structure.matrices
+    held = 6 * 35e3 * (0.25 if kind == "wire-rope" else 1.0)
+    assert (mass[0, 0], stiffness[0, 0]) == pytest.approx((35.0, held))
+    if kind == "wire-rope":
+        (rope,) = scene.structure.functions
+        assert rope.count * rope.law.largest_force == pytest.approx(6 * 35e3 * 0.75 * 5e-4)
+    if kind == "box":
+        assert np.diag(mass)[3:] == pytest.approx([0.3791667, 0.5833333, 0.7291667], rel=1e-3)
+        assert scene.structure.mounts[0].at == (-0.2, -0.15, -0.1)
+
+
+def test_new_says_which_numbers_it_took_and_refuses_others(stochvi: Run, tmp_path: Path):
+    file = tmp_path / "scene.toml"
+    code, _, err = stochvi("new", file, "--kind", "mission", "--stiffness", "35")
+    assert code == 0 and "note: --mass 12 kg was taken for the mass of the equipment" in err
+    assert "35 N/mm are 35000 N/m" in err
+    for arguments, words in (
+        (("--mass", "3kg"), "--mass is for --kind mission, wire-rope, box; got --kind any"),
+        (("--kind", "box", "--mounts", "5"), "an even number from 4 on, got 5"),
+        (("--kind", "box", "--size", "1m"), "--size must be length, width and height"),
+        (("--kind", "mission", "--mass", "3bar"), "--mass must be a number, plain or with a unit"),
+        (("--kind", "mission", "--mounts", "1.5"), "--mounts must be a whole number"),
+    ):
+        told = stochvi("new", tmp_path / "other.toml", *arguments)
+        assert told.code == 2 and words in told.err.splitlines()[-1], arguments
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a terminal of its own")
+def test_new_asks_for_what_is_missing_in_a_terminal(tmp_path: Path):
+    terminal, end = os.openpty()
+    os.write(terminal, b"35 kg\n\n35 N/mm\n0.12\n")
+    file = tmp_path / "scene.toml"
+    done = subprocess.run(
+        [sys.executable, "-m", "stochvi", "new", str(file), "--kind", "mission"],
+        stdin=end, capture_output=True, text=True, check=True, timeout=60,
+    )  # fmt: skip
+    os.close(terminal)
+    os.close(end)
+    assert "Number of mounts [4]:" in done.stderr
+    structure = load_scene(file).structure
+    assert (structure.mass, structure.mounts, structure.stiffness) == (35.0, 4, 35e3)
+
+
+def test_a_slipped_unit_is_told_before_anything_is_simulated(stochvi: Run, tmp_path: Path):
+    file = tmp_path / "slipped.toml"
+    stochvi("new", file, "--kind", "mission", *NUMBERS)
+    file.write_text(file.read_text().replace("stiffness = 35000", "stiffness = 35"))
+    told = stochvi("size", file, "--probability", "1%", "--rel-error", "0.4")
+    note = "the natural frequency 0.39 Hz is none of a mount of equipment"
+    assert note in told.err.splitlines()[0]
+    told = stochvi("screen", f"{file}#highway")
+    assert note in told.err and note in told.out.replace("\n", " ")
+    assert "note" not in stochvi("screen", ISOLATOR).err
+
+
 def test_new_refuses_to_overwrite(stochvi: Run, tmp_path: Path):
     file = tmp_path / "scene.toml"
     file.write_text("mine", encoding="utf-8")
