@@ -2,7 +2,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: demo test slow everywhere lowest plugin clocks verify verify-tenth distributed lint docs studies bench clean
+.PHONY: demo test slow everywhere lowest plugin prereleases package clocks verify verify-tenth distributed lint docs studies bench clean
 
 demo: .venv/test-installed
 	$(BIN)/stochvi demo --out out
@@ -19,13 +19,25 @@ everywhere: .venv/test-installed
 
 # the demo and a part of the suite with the lowest versions that pyproject allows
 lowest: .venv/bin/python
-	$(BIN)/python .ci/lowest.py
+	$(BIN)/python .ci/versions.py lowest
+
+# the same with the newest versions, finished or not
+prereleases: .venv/bin/python
+	$(BIN)/python .ci/versions.py prereleases
+
+# the wheel and the source distribution, as they would be published
+package: .venv/package-installed
+	rm -rf dist
+	$(BIN)/validate-pyproject pyproject.toml docs/plugin/pyproject.toml
+	$(BIN)/python -m build --no-isolation
+	$(BIN)/twine check --strict dist/*
+	$(BIN)/check-wheel-contents dist/*.whl
 
 # the example of a package with parts of its own, installed into a folder of its own
 plugin: .venv/test-installed
 	folder=$$(mktemp -d) && $(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	  --no-deps --no-build-isolation --no-index --target $$folder docs/plugin && \
-	PYTHONPATH=$$folder $(BIN)/python -m pytest -c docs/plugin/pyproject.toml docs/plugin && \
+	PYTHONPATH=$$folder $(BIN)/python -m pytest -p no:cacheprovider -c docs/plugin/pyproject.toml docs/plugin && \
 	rm -r $$folder
 
 # the suite with clocks that are fast, as on a slow machine, and slow
@@ -71,4 +83,4 @@ bench: .venv/bench-installed
 	touch $@
 
 clean:
-	rm -rf .venv out docs/_build
+	rm -rf .venv out dist docs/_build

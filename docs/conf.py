@@ -36,8 +36,9 @@ extensions = [
     "mathml",
     "typed",
     "reference",
+    "notebooks",
 ]
-exclude_patterns = ["_build", "_extensions", "inventories", "pictures/make.py"]
+exclude_patterns = ["_build", "_extensions", "inventories", "pictures/make.py", "plugin"]
 nitpicky = True
 default_role = "code"
 

@@ -6,6 +6,7 @@ manual are `{code-cell}` blocks, which `make docs` runs.
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -27,6 +28,7 @@ from support import CHECKOUT
 from support.commands import Run
 
 sys.path.insert(0, str(CHECKOUT / "docs" / "_extensions"))
+import notebooks
 import shown
 
 README = CHECKOUT / "README.md"
@@ -313,3 +315,28 @@ def test_the_readme_is_short_and_what_it_names_exists() -> None:
     for rule in ("demo", "test", "docs"):
         assert f"make {rule}" in text
         assert re.search(rf"^{rule}:", makefile, flags=re.MULTILINE)
+
+
+# ------------------------------------------------------------------------------
+# Every page that runs is offered as a notebook.
+# ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", [
+    page for page in MANUAL if "{code-cell}" in page.read_text(encoding="utf-8")
+], ids=lambda page: page.stem)  # fmt: skip
+def test_a_page_that_runs_is_a_notebook(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    cells = json.loads(notebooks.notebook(text))["cells"]
+    sources = {kind: [c["source"] for c in cells if c["cell_type"] == kind] for kind in KINDS}
+    assert len(sources["code"]) == 1 + text.count("```{code-cell}")
+    assert sources["markdown"][1].startswith("# ")
+    for source in sources["code"]:
+        assert source and not source.startswith((":", "---", "```"))
+        if not source.startswith("%%"):
+            compile(source, page.name, "exec")
+    assert not any("{code-cell}" in source for source in sources["markdown"])
+
+
+KINDS = ("markdown", "code")
+"""Kinds of cells of a notebook."""

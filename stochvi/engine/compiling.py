@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import gc
 import hashlib
+import logging
 import os
 import pickle
 import re
@@ -66,6 +67,9 @@ from stochvi.notices import KernelWarning
 # the digest.
 # ------------------------------------------------------------------------------
 
+
+LOG = logging.getLogger(__name__)
+"""Tells which kernels are compiled."""
 
 BY_NAME = {"numpy", "numba", "llvmlite", "builtins"} | set(sys.stdlib_module_names)
 """Packages whose functions and classes are told by their names."""
@@ -679,6 +683,7 @@ class KernelCache(NullCache):  # type: ignore[misc]
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a compiled version; where the folder cannot be written, do without."""
+        LOG.debug("compiled %s", self._owner.py_func.__qualname__)
         file = self._files.get(sig)
         if file is None or self._means is None or not self._means.check_cachable(data):
             return

@@ -87,9 +87,11 @@ class Parts(dict[str, Part]):
 def entry_points(group: str) -> list[EntryPoint]:
     """The entry points of a group, by the names of their packages: the order of installation does
     not matter."""
+    import logging
     from importlib import metadata
 
     found = metadata.entry_points(group=group)
+    logging.getLogger(__name__).debug("parts of other packages, %s: %s", group, found.names)
     return sorted(found, key=lambda each: (each.dist.name if each.dist else "", each.name))
 
 

@@ -4,13 +4,14 @@ without impacts."""
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, TypeVar
+from functools import cached_property, wraps
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 import scipy
@@ -386,6 +387,28 @@ def unmet(model: Model) -> list[str]:
     return [*found, *without_noise(model, with_sines=True), *unstable(model)]
 
 
+LOG = logging.getLogger(__name__)
+"""Tells plans."""
+
+Asked = ParamSpec("Asked")
+
+
+def told(make: Callable[Asked, Plan]) -> Callable[Asked, Plan]:
+    """Tell each plan to the logger, at DEBUG."""
+
+    @wraps(make)
+    def run(*args: Asked.args, **options: Asked.kwargs) -> Plan:
+        plan = make(*args, **options)
+        LOG.debug(
+            "plan: %s; %d states, step %.4g s, burn-in %.4g s, paths of %.4g s",
+            plan.method, plan.states, plan.step, plan.burn_in, plan.duration,
+        )  # fmt: skip
+        return plan
+
+    return run
+
+
+@told
 def make_plan(
     model: Model,
     speed_threshold: float | None = None,

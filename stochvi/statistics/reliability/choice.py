@@ -3,6 +3,7 @@ and a second stage answers; first crossings and clusters; missions of the motion
 
 from __future__ import annotations
 
+import logging
 import math
 import sys
 import time
@@ -80,6 +81,9 @@ class Findings:
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
+
+LOG = logging.getLogger(__name__)
+"""Tells which way was chosen, and why."""
 
 PILOT_MISSIONS = 4096
 """Largest number of missions in a pilot of crude simulation."""
@@ -342,6 +346,7 @@ class Jobs:
             wanted = MARGIN * _variance(repeated, hits) / self.rel_error**2
             repetitions = max(FEWEST_REPETITIONS, math.ceil(wanted))
         chosen, why = self._choice(pilot, repeated, missions, repetitions, way)
+        LOG.debug("%s: %s", event.replace("_", " "), why)
         if chosen == "splitting":
             assert levels is not None
             at, count = levels, PILOT_REPETITIONS

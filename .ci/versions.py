@@ -1,7 +1,8 @@
-"""The demo, a report and a part of the suite with the lowest versions that pyproject allows.
+"""The demo, a report and a part of the suite with other versions of the dependencies.
 
-Each bound `NAME>=VERSION` of the dependencies becomes `NAME==VERSION` in an environment of its own,
-which pip makes from its usual index and this script removes.
+`python .ci/versions.py lowest` takes the lowest that pyproject allows: each bound `NAME>=VERSION`
+becomes `NAME==VERSION`. `prereleases` takes the newest, finished or not. pip makes an environment
+of its own from its usual index, and this script removes it.
 """
 
 from __future__ import annotations
@@ -63,7 +64,11 @@ def main() -> None:
             subprocess.run([scripts / command[0], *command[1:]], check=True, cwd=ROOT, env=alone)
 
         wheels = ("python", "-m", "pip", "install", "--quiet", "--only-binary", ":all:")
-        run(*wheels, *lowest(project["dependencies"]), *TOOLS)
+        if sys.argv[1:] == ["prereleases"]:
+            run(*wheels, "--pre", *project["dependencies"], *TOOLS)
+            run("python", "-m", "pip", "list", "--pre")
+        else:
+            run(*wheels, *lowest(project["dependencies"]), *TOOLS)
         run("python", "-m", "pip", "install", "--quiet", "--no-deps", "--editable", ".")
         run("python", "-m", "pip", "check")
         run("stochvi", "demo", "--theory", "--out", home / "demo")
