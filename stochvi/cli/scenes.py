@@ -96,7 +96,7 @@ MOUNTED = {
 
 OWN_NUMBERS = {
     "mission": MOUNTED,
-    "wire-rope": MOUNTED | {"zeta": ("Damping ratio beside the loop of the rope", "", "0.02")},
+    "wire-rope": MOUNTED | {"zeta": ("Damping ratio in large motions, beside the loop", "", "0.1")},
     "box": MOUNTED | {"size": ("Length, width and height", "m", "400mm,300mm,200mm")},
 }
 """Kinds that `new` writes with numbers of the user, and these numbers."""

@@ -33,7 +33,7 @@ from stochvi.scenes.impact_laws import (
     CompliantLaw,
     Law,
     Restitution,
-    SpeedRestitution,
+    RigidLaw,
     Viscoelastic,
 )
 from stochvi.scenes.structures.rigid_body import (
@@ -83,7 +83,7 @@ def speed_restitutions(model: Model) -> list[str]:
     return [
         f"law.coefficient must be a number, got a function of speed {place}"
         for law, place in _laws(model)
-        if isinstance(law, SpeedRestitution)
+        if isinstance(law, RigidLaw) and not isinstance(law, Restitution)
     ]
 
 

@@ -19,7 +19,7 @@ from stochvi.mathematics.impact_rates import NO_STOP, StopStatistics
 from stochvi.mathematics.numerics import Matrix, Vector, gauss_legendre, gauss_panels
 from stochvi.model.gap import Gap
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.impact_laws import Restitution, SpeedRestitution
+from stochvi.scenes.impact_laws import Restitution, RigidLaw, SpeedRestitution
 
 # ------------------------------------------------------------------------------
 # Stops as an energy that varies slowly sees them: what an impact leaves of it.
@@ -91,7 +91,7 @@ class SpeedBarrier:
     """A stop whose restitution depends on the speed."""
 
     energy: float
-    law: SpeedRestitution
+    law: RigidLaw
 
     @property
     def lossless(self) -> bool:
@@ -124,7 +124,7 @@ class SpeedBarrier:
         """
         own = np.sqrt(2.0 * above)
         grid = own.max(initial=0.0) * np.geomspace(10.0**-DECADES, 10.0**DECADES, 2 * SPEEDS)
-        if self.law.speed is not None:
+        if isinstance(self.law, SpeedRestitution) and self.law.speed is not None:
             grid = np.union1d(grid, self.law.speed)
         back = grid * self.returned(0.5 * grid**2)
         slow = own * self.returned(above)
@@ -151,9 +151,9 @@ class SpeedBarrier:
 AnyBarrier = Barrier | SpeedBarrier
 
 
-def barrier_of(law: Restitution | SpeedRestitution, energy: float) -> AnyBarrier:
+def barrier_of(law: RigidLaw, energy: float) -> AnyBarrier:
     """The stop of a law at a potential energy."""
-    if isinstance(law, SpeedRestitution):
+    if not isinstance(law, Restitution):
         return SpeedBarrier(energy=energy, law=law)
     least = 0.0 if energy else LEAST_RESTITUTION
     if law.scatter is None:
@@ -548,10 +548,7 @@ def energy_law(gap: Gap, variant: str = FINITE_JUMPS) -> EnergyLaw:
     stops = {}
     for stop in gap.stops:
         energy = well.energy(stop.position)
-        if (
-            isinstance(stop.law, Restitution | SpeedRestitution)
-            and damping * energy <= UNREACHED * diffusion
-        ):
+        if isinstance(stop.law, RigidLaw) and damping * energy <= UNREACHED * diffusion:
             stops[stop.name] = barrier_of(stop.law, energy)
     span = _span(diffusion, damping, well, stops)
     halvings = (0,) * len(_starts(stops))

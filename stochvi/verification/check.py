@@ -306,6 +306,7 @@ def answers(
                 threads=threads,
                 budget=sampling.rest,
                 progress=progress,
+                speed_threshold=0.0 if responses else None,  # the closed form counts all impacts
             )
         )
     except NotApplicable as reason:

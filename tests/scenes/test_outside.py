@@ -16,11 +16,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import stochvi
 from stochvi import (
     ImpactPair,
     PartWarning,
     Restitution,
     SceneError,
+    SpeedRestitution,
     WhiteNoise,
     load_scene,
 )
@@ -48,6 +50,24 @@ class Half(RigidLaw):
 
     def in_words(self) -> str:
         return f"rigid, restitution {self.factor:g}"
+
+
+SHIPPED = SpeedRestitution(coefficient=0.6, at_speed=1.0, body="viscoelastic")
+"""A restitution that depends on the speed."""
+
+
+class Alike(Half):
+    """The same restitutions as a law of a user."""
+
+    kind: Literal["alike"] = "alike"  # type: ignore[assignment]
+    conservative: ClassVar[bool] = False  # type: ignore[misc]
+    restitution: ClassVar[float] = SHIPPED.restitution  # type: ignore[misc]
+
+    def restitution_at(self, speed: Any) -> Any:
+        return SHIPPED.restitution_at(speed)
+
+    def compiled(self) -> Any:
+        return SHIPPED.compiled()
 
 
 class Unfinished(CompliantLaw):
@@ -142,6 +162,23 @@ def test_a_law_of_a_script_needs_no_package() -> None:
     assert pair.law_of("upper").restitution_at(1.0) == 0.4
     again = ImpactPair(clearance=0.01, law={"kind": "half", "factor": 0.3})
     assert isinstance(again.law, Half)
+
+
+def test_methods_take_a_law_of_a_user_as_one_that_ships() -> None:
+    """Those that follow a restitution by the speed do, and the others refuse it in a sentence."""
+    scene = load_scene(shipped_scene("oscillator-lossy"))
+    own, shipped = (
+        scene.replace(impact_pairs=[ImpactPair(clearance=1.0, law=law)])
+        for law in (Alike(), SHIPPED)
+    )
+    for method in (stochvi.average, stochvi.fokker_planck):
+        found = [method(each).coordinates["x"].displacement_std.value for each in (own, shipped)]
+        assert found[0] == pytest.approx(found[1], rel=1e-12)
+    sampled = [stochvi.simulate(each, paths=4, duration=50.0, seed=1) for each in (own, shipped)]
+    assert len({each.coordinates["x"].displacement_std.value for each in sampled}) == 1
+    for method in (stochvi.exact, stochvi.linearise):
+        with pytest.raises(stochvi.NotApplicable, match="got a function of speed"):
+            method(own)
 
 
 def test_subclasses_of_shipped_laws_are_refused_with_the_way_out() -> None:

@@ -32,6 +32,7 @@ from stochvi import (
     NonlinearOscillator,
     NotApplicable,
     Oscillator,
+    PowerLaw,
     Response,
     Restitution,
     Scene,
@@ -84,6 +85,18 @@ from stochvi.verification.check import (
 from stochvi.views.pages import print_told
 from stochvi.views.verification import explanation_told
 from support.known import oscillator
+
+
+def test_methods_count_the_same_impacts_where_a_law_has_a_power() -> None:
+    """The closed form counts impacts of all speeds, and so do the others beside it."""
+    scene = Scene(
+        structure=Oscillator(mass=10.0, damping=5.0, stiffness=1000.0),
+        impact_pairs=[ImpactPair(clearance=0.05, law=PowerLaw(coefficient=1e6, exponent=1.7))],
+        excitations=[WhiteNoise(intensity=5.0)],
+    )
+    found = check(scene, rel_error=0.1, seed=1)
+    assert not [each for each in found.comparisons if each.verdict == DISAGREES]
+    assert {each.impact_pairs["stops"]["speed_threshold"] for each in found.responses} == {0.0}
 
 
 @pytest.mark.parametrize("name", ["oscillator-elastic", "oscillator-lossy", "isolator-truck"])
