@@ -82,9 +82,12 @@ def other_sizing(question: Question, other: dict[str, Any]) -> Show | None:
             if scene.phases
             else "leave it out, and sweep a key of the scene with --method size instead"
         )
-        _refuse(what, given, tuple(name for name in NEVER_WITH if name != "common"), part)
+        taken = ("common", "tolerances")
+        _refuse(what, given, tuple(name for name in NEVER_WITH if name not in taken), part)
         asked = {name: each for name, each in given.items() if name not in NEVER_WITH}
-        question.asks(question.of, "phases", asked | {"common": given["common"] or []})
+        allowed, spreads = tolerances_of(scene, given["tolerances"])
+        asked |= {"common": given["common"] or [], "tolerances": allowed, "spreads": spreads}
+        question.asks(question.of, "phases", asked)
         return question.show
     return None
 

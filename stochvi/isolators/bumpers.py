@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from stochvi.engine.sub_steps import CONTACT_ANGLE
 from stochvi.isolators.screening import at_clearances, check_movable
 from stochvi.isolators.sizing.risk_curve import ACCEPTED
-from stochvi.isolators.tolerances import changed_stops
+from stochvi.isolators.tolerances import Tolerances, changed_stops
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import ACCELERATION, LENGTH, STIFFNESS, shown, spoken_mission
 from stochvi.model.coverage import beyond_one_oscillator, free_motion
@@ -179,6 +179,8 @@ class BumperMap(Result):
         Way in which each row was found: "clusters" or "records".
     scene_without_mass
         Whether the scene gives no mass.
+    left_out
+        The tolerances that the scene states, in words: no point of a map includes any.
 
     See Also
     --------
@@ -203,6 +205,7 @@ class BumperMap(Result):
     limits: Mapping[str, float]
     ways: Sequence[str]
     scene_without_mass: bool = False
+    left_out: str = ""
     assumptions: Sequence[str] = ()
 
     @property
@@ -661,7 +664,7 @@ def bumper_map(
         energy_per_hit=energy, impacts_per_hour=hourly,
         ways=["clusters" if row[0].sampler.apart else "records" for row in rows],
         scene_without_mass=not scene.expanded.structure.knows_mass,
-        assumptions=scene.assumptions(),
+        left_out=Tolerances.of(scene).in_words(), assumptions=scene.assumptions(),
         warnings=_warnings(rows, short), cost=run.cost(paths=paths),
         provenance=provenance(scene.document(), run.seed),
     )  # fmt: skip

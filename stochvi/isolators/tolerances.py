@@ -164,7 +164,7 @@ class Change(NamedTuple):
             case "damping":
                 return changed_mount(scene, 1.0, 1.0 + self.amount)
             case "level":
-                return scene.at_level(self.amount)
+                return raised(scene, self.amount)
             case "stiffness":
                 return changed_stops(scene, stiffness=1.0 + self.amount)
             case "restitution":
@@ -181,6 +181,15 @@ def all_applied(changes: Sequence[Change], scene: Scene) -> Scene:
     for change in changes:
         scene = change.applied(scene)
     return scene
+
+
+def raised(scene: Scene, level_db: float) -> Scene:
+    """The scene with everything that shakes raised by a level in dB, in each of its phases."""
+    if not scene.phases:
+        return scene.at_level(level_db)
+    return scene.replace(
+        phases=[each.replace(level_db=each.level_db + level_db) for each in scene.phases]
+    )
 
 
 def worded(changes: Sequence[Change]) -> str:
@@ -661,9 +670,15 @@ class Region:
     def gaps(self, changes: Sequence[Change]) -> Gaps:
         """The gaps with these changes of frequency, damping, level and centre of mass."""
         off = {each.quantity: each.amount for each in changes}
+        gain = math.sqrt(power_ratio(off.get("level", 0.0)))
+        return Gaps.of(self.changed(changes), gain, 1.0 + off.get("frequency", 0.0))
+
+    def changed(self, changes: Sequence[Change]) -> Model:
+        """The model with these changes of frequency, damping and centre of mass."""
+        off = {each.quantity: each.amount for each in changes}
         model = self._model(tuple(off.get(f"{CENTRE}{axis}", 0.0) for axis in AXES))
         frequency, damping = 1.0 + off.get("frequency", 0.0), 1.0 + off.get("damping", 0.0)
-        structure = replace(
+        return replace(
             model,
             stiffness=model.stiffness * frequency**2,
             damping=model.damping * (frequency * damping),
@@ -671,9 +686,9 @@ class Region:
                 each._replace(stiffness=each.stiffness * frequency**2 * damping)
                 for each in model.branches
             ),
-            rates=None,
+            rates=model.rates
+            and (model.rates[0] * frequency, model.rates[1] * frequency * damping),
         )
-        return Gaps.of(structure, math.sqrt(power_ratio(off.get("level", 0.0))), frequency)
 
     def _model(self, shift: tuple[float, ...]) -> Model:
         """The model with the centre of mass moved by `shift`, m along x, y, z; made once."""
@@ -685,48 +700,10 @@ class Region:
     def worst(
         self, need: Callable[[Gaps], Vector], deadline: Deadline = NEVER
     ) -> list[tuple[float, Changes]]:
-        """The largest value of each entry of `need` in the region, and where it is: the largest of
-        a scan of all frequencies, refined by its gradient.
-
-        Raises `NotConverged` where the deadline passes before the region is searched.
-        """
-        # `need` grows with the noise, so that the level is at its upper end
-        level = (Change("level", self.limits["level"]),) if "level" in self.limits else ()
-        names = [name for name in self.limits if name != "level"]
-
-        def changes(place: Sequence[float]) -> Changes:
-            moved = (Change(n, u * self.limits[n]) for n, u in zip(names, place, strict=True))
-            return (*moved, *level)
-
-        def value(place: Sequence[float]) -> Vector:
-            if deadline.passed():
-                raise deadline.fell_short("before the tolerances were searched", "raise budget")
-            return need(self.gaps(changes(place)))
-
-        frequencies = self._frequencies() if "frequency" in names else np.zeros(1)
-        others = self._combinations([name for name in names if name != "frequency"])
-        grid = [
-            [((f, *rest) if "frequency" in names else rest) for rest in others] for f in frequencies
-        ]
-        scan = np.array([[value(place) for place in row] for row in grid])
-        found = []
-        for k in range(scan.shape[2]):
-            starts = [
-                grid[i][int(scan[i, :, k].argmax())] for i in _highest(scan[:, :, k].max(axis=1))
-            ]
-            known = max((float(value(start)[k]), start) for start in starts)
-            climbed = [_climb(start, k, value) for start in starts]
-            best = max(known, *((float(value(place)[k]), place) for place in climbed))
-            found.append((best[0], changes(best[1])))
-        return found
-
-    def _frequencies(self) -> Vector:
-        """Shares of the tolerance of the frequency, close enough to each other for the narrowest
-        resonance of the region."""
-        narrowest = self.narrowest() * (1.0 - self.limits.get("damping", 0.0))
-        half = PER_RESONANCE * self.limits["frequency"] / max(narrowest, 1e-9)
-        count = min(2 * math.ceil(half) + 1, MOST_FREQUENCIES)
-        return np.linspace(-1.0, 1.0, max(count, 3))
+        """The largest value of each entry of `need` in the region, and where it is."""
+        return worst_within(
+            self.limits, lambda changes: need(self.gaps(changes)), self.narrowest(), deadline
+        )
 
     def narrowest(self) -> float:
         """The smallest damping ratio of a mode as stated: its relative half width."""
@@ -737,15 +714,63 @@ class Region:
         held = modes.squares > 0.0
         return float(np.min(0.5 * np.diag(modes.damping)[held] / np.sqrt(modes.squares[held])))
 
-    @staticmethod
-    def _combinations(names: list[str]) -> list[tuple[float, ...]]:
-        """Ends and middles of the other quantities; for the centre of mass the corners and the
-        middle alone."""
-        axes = [name for name in names if name.startswith(CENTRE)]
-        plain = itertools.product((-1.0, 0.0, 1.0), repeat=len(names) - len(axes))
-        corners = [*itertools.product((-1.0, 1.0), repeat=len(axes))] if axes else []
-        centres = [(0.0,) * len(axes), *corners]
-        return [(*one, *other) for one, other in itertools.product(plain, centres)]
+
+def worst_within(
+    limits: Mapping[str, float], need: Callable[[Changes], Vector], narrowest: float,
+    deadline: Deadline = NEVER,
+) -> list[tuple[float, Changes]]:  # fmt: skip
+    """The largest value of each entry of `need` within limits of the changes, and where it is: the
+    largest of a scan of all frequencies, refined by its gradient. `narrowest` is the smallest
+    damping ratio of a mode.
+
+    Raises `NotConverged` where the deadline passes before the region is searched.
+    """
+    # `need` grows with the noise, so that the level is at its upper end
+    level = (Change("level", limits["level"]),) if "level" in limits else ()
+    names = [name for name in limits if name != "level"]
+
+    def changes(place: Sequence[float]) -> Changes:
+        moved = (Change(n, u * limits[n]) for n, u in zip(names, place, strict=True))
+        return (*moved, *level)
+
+    def value(place: Sequence[float]) -> Vector:
+        if deadline.passed():
+            raise deadline.fell_short("before the tolerances were searched", "raise budget")
+        return need(changes(place))
+
+    frequencies = _frequencies(limits, narrowest) if "frequency" in names else np.zeros(1)
+    others = _combinations([name for name in names if name != "frequency"])
+    grid = [
+        [((f, *rest) if "frequency" in names else rest) for rest in others] for f in frequencies
+    ]
+    scan = np.array([[value(place) for place in row] for row in grid])
+    found = []
+    for k in range(scan.shape[2]):
+        starts = [grid[i][int(scan[i, :, k].argmax())] for i in _highest(scan[:, :, k].max(axis=1))]
+        known = max((float(value(start)[k]), start) for start in starts)
+        climbed = [_climb(start, k, value) for start in starts]
+        best = max(known, *((float(value(place)[k]), place) for place in climbed))
+        found.append((best[0], changes(best[1])))
+    return found
+
+
+def _frequencies(limits: Mapping[str, float], narrowest: float) -> Vector:
+    """Shares of the tolerance of the frequency, close enough to each other for the narrowest
+    resonance of the region."""
+    least = narrowest * (1.0 - limits.get("damping", 0.0))
+    half = PER_RESONANCE * limits["frequency"] / max(least, 1e-9)
+    count = min(2 * math.ceil(half) + 1, MOST_FREQUENCIES)
+    return np.linspace(-1.0, 1.0, max(count, 3))
+
+
+def _combinations(names: list[str]) -> list[tuple[float, ...]]:
+    """Ends and middles of the other quantities; for the centre of mass the corners and the middle
+    alone."""
+    axes = [name for name in names if name.startswith(CENTRE)]
+    plain = itertools.product((-1.0, 0.0, 1.0), repeat=len(names) - len(axes))
+    corners = [*itertools.product((-1.0, 1.0), repeat=len(axes))] if axes else []
+    centres = [(0.0,) * len(axes), *corners]
+    return [(*one, *other) for one, other in itertools.product(plain, centres)]
 
 
 def _highest(values: Vector) -> list[int]:

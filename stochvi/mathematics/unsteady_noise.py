@@ -206,13 +206,25 @@ class PulseShape:
     def transform(self, omega: Vector) -> Waves:
         """The Fourier transform at angular frequencies (n,), s."""
         times = self.interval * np.arange(len(self.values))
-        found = np.empty(len(omega), complex)
+        found: Waves = np.empty(len(omega), complex)
         part = max(1, PULSES_AT_ONCE // len(times))
         for first in range(0, len(omega), part):
             w = omega[first : first + part]
             found[first : first + part] = np.exp(-1j * w[:, None] * times) @ self.values
-        straight = np.sinc(omega * self.interval / (2.0 * math.pi)) ** 2
-        return np.asarray(self.interval * straight * found, complex)
+        return self._straight(omega) * found
+
+    def transform_evenly(self, step: float, number: int) -> Waves:
+        """The Fourier transform at a number of angular frequencies from 0 on, a step apart, s: each
+        wave is the product of one of few frequencies that lie far and of one near by."""
+        times = self.interval * np.arange(len(self.values))
+        few = math.isqrt(number - 1) + 1
+        near = self.values * np.exp(-1j * step * np.arange(few)[:, None] * times)
+        far = np.exp(-1j * step * few * np.arange(-(-number // few))[:, None] * times)
+        return self._straight(step * np.arange(number)) * np.ravel(far @ near.T)[:number]
+
+    def _straight(self, omega: Vector) -> Vector:
+        """What the straight lines between points have more than their sum, s."""
+        return np.asarray(self.interval * np.sinc(omega * self.interval / (2.0 * math.pi)) ** 2)
 
 
 def _half_sine(time: Vector) -> Vector:

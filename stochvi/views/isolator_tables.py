@@ -347,7 +347,7 @@ def _several(sizing: Sizing) -> list[Section]:
                 ),
             ],
         ),
-        _pairs_tolerances(sizing),
+        _linear_tolerances(sizing),
     ]
 
 
@@ -439,21 +439,24 @@ def interval_in_words(chance: Probability) -> str:
     return f"{low} to {spoken_percent(chance.upper)}"
 
 
-def _pairs_tolerances(sizing: Sizing) -> Section:
+def _linear_tolerances(sizing: Sizing | MissionSizing) -> Section:
     """The clearance that each sized pair needs for the same risk with each change, and where within
     the tolerances each is largest; empty without tolerances."""
     if len(rows := rows_of(sizing, "tolerances")) < 2:
         return Section(title="Tolerances")
-    largest: dict[str, list[str]] = {}
-    for name, place in sizing.worst_at.items():
-        largest.setdefault(place, []).append(name)
+    alone, largest = "", dict[str, list[str]]()
+    if isinstance(sizing, MissionSizing):
+        last = "the largest over the whole region, where the mission is simulated"
+    else:
+        alone, last = " that each pair alone needs", "the largest of each column over the region"
+        for name, place in sizing.worst_at.items():
+            largest.setdefault(place, []).append(name)
     return Section(
         title="Tolerances",
         lead=f"{sizing.allowed.in_words()}.",
         grids=Grid.of(
-            "within the tolerances, by linear theory: clearances that each pair alone needs for "
-            "the same risk; probability of any impact with those as stated; last, the largest of "
-            "each column over the whole region",
+            f"within the tolerances, by linear theory: clearances{alone} for the same risk; "
+            f"probability of any impact with those as stated; last, {last}",
             rows,
             [
                 "change",
@@ -484,9 +487,11 @@ def _shared(sizing: Sizing) -> str:
 
 def clearance_told(found: ClearanceAnswer) -> Told:
     """The clearance to make, the line to copy, and what decides."""
-    lines = [never_tolerances(Tolerances.of(found.scene).in_words())]
     if isinstance(found, MissionSizing):
-        return _told(found, lines, [_phases(found)], assumptions=found.assumptions)
+        lines = [] if found.varies else [WITHOUT_TOLERANCES]
+        sections = [_phases(found), _linear_tolerances(found)]
+        return _told(found, lines, sections, assumptions=found.assumptions)
+    lines = [never_tolerances(Tolerances.of(found.scene).in_words())]
     assert isinstance(found, DamageSizing)
     return _told(found, lines, [_damage(found)])
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 import textwrap
+from dataclasses import replace
 from functools import partial
 from itertools import chain, product
 from typing import TYPE_CHECKING, NamedTuple
@@ -64,7 +65,7 @@ from stochvi.views.pages import (
     Told,
     told_of,
 )
-from stochvi.views.tables import chance_in_words
+from stochvi.views.tables import chance_in_words, no_tolerances
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -441,12 +442,13 @@ def bumper_map_told(found: BumperMap) -> Told:
     left = rows * columns - len(shown)
     more = f"; {left} more points in map.csv of --out" if left else ""
     cost = f"cost: {found.cost.wall_time:.3g} s on {found.cost.threads} threads"
-    return told_of(
+    told = told_of(
         found,
         Grid.of(f"exceeded in {_risk(found)}{more}", shown, words=0),
         footer=[cost],
         brief=True,
     )
+    return replace(told, statements=[*told.statements, no_tolerances(found.left_out)])
 
 
 def _verdict(found: BumperMap, at: tuple[int, int]) -> str:

@@ -99,8 +99,12 @@ def never_tolerances(stated: str) -> str:
     >>> never_tolerances("level ± 3 dB")
     'Not included: tolerances (level ± 3 dB in the scene), usually 1.7 to 2 times as much'
     """
-    own = f" ({stated} in the scene)" if stated else ""
-    return f"Not included: tolerances{own}, usually 1.7 to 2 times as much"
+    return f"{no_tolerances(stated)}, usually 1.7 to 2 times as much"
+
+
+def no_tolerances(stated: str) -> str:
+    """That of an answer that is no clearance."""
+    return f"Not included: tolerances{f' ({stated} in the scene)' if stated else ''}"
 
 
 OF_ONE_MOUNT = (

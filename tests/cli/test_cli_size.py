@@ -333,8 +333,12 @@ def test_a_scene_with_phases_is_sized(rubber: Path, stochvi: Run) -> None:
         done = stochvi("size", rubber, "--probability", "5%", "--rel-error", "0.3")
         assert done.code == 0 and words in " ".join(done.out.split())
         assert "assumptions: \n" not in done.out and "Not included: tolerances" in done.out
-    refusal = refused(stochvi("size", rubber, "--probability", "5%", "--tolerances", "usual"))
+    refusal = refused(stochvi("size", rubber, "--probability", "5%", "--sensitivity"))
     assert "size one phase, as FILE.toml#PHASE" in refusal
+    allowed = ("--rel-error", "0.3", "--tolerances", "level=1dB")
+    done = stochvi("size", rubber, "--probability", "5%", *allowed)
+    assert done.code == 0 and "within level ± 1 dB" in " ".join(done.out.split())
+    assert "Not included" not in done.out
     spread = ("--tolerances", "frequency=normal:3%")
     assert "ask for each, as FILE.toml#PHASE" in refused(stochvi("reliability", rubber, *spread))
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from stochvi.isolators.record_verdict import RecordVerdict, most_alarming
 from stochvi.isolators.screening import SceneAtRest, Screening, at_clearances, scene_at_rest
-from stochvi.isolators.tolerances import Tolerances
+from stochvi.isolators.tolerances import WORST, Tolerances
 from stochvi.mathematics.numerics import ROUNDING, Matrix, Vector
 from stochvi.mathematics.units import LENGTH, RATE, readable, spoken_mission
 from stochvi.mathematics.unsteady_noise import MovingMean
@@ -628,6 +628,53 @@ class ClearanceAnswer(Result):
         return {"method": self.kind, "verdict": self.verdict(), "made": made, **found}
 
 
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SizedWithin(ClearanceAnswer):
+    """Clearances that keep a risk, within tolerances.
+
+    Parameters
+    ----------
+    allowed
+        The tolerances that were asked for, within all of which the clearances to make keep the
+        target.
+    tolerances
+        A row per end of the tolerances. The last row is the largest of each column over their whole
+        region. Columns: `change`; under its name the clearance of each sized pair for the same risk
+        (m, from the nominal mean gap); `factor`, the largest of them over the nominal one; and
+        `probability` of any impact at the nominal clearances. Without tolerances there is at most
+        the first row, "as stated".
+    """
+
+    allowed: Tolerances = field(default_factory=Tolerances)
+    tolerances: DataFrame = kept_table(())
+
+    @property
+    def varies(self) -> bool:
+        """Whether the clearances to make are for more than the scene as stated."""
+        return self.allowed != Tolerances()
+
+    @property
+    def within(self) -> str:
+        """The tolerances of the clearances to make, in words; empty without."""
+        return f" within {self.allowed.in_words()}" if self.allowed != Tolerances() else ""
+
+    @property
+    def needed(self) -> Mapping[str, float]:
+        """The clearance of each sized pair within the tolerances, m; empty where it was not
+        found."""
+        if self.allowed == Tolerances():
+            return {name: each.value for name, each in self.clearances.items()}
+        rows = rows_of(self, "tolerances")
+        known = len(rows) > 1 and rows[-1]["change"].startswith(WORST)
+        return {name: float(rows[-1][name]) for name in self.clearances} if known else {}
+
+    @property
+    def rounded(self) -> Mapping[str, RoundedClearance]:
+        """The clearance of each sized pair, rounded up: the calculated one or, where tolerances
+        were asked for, the largest within them. Empty where the largest were not found."""
+        return {name: RoundedClearance.of(each) for name, each in self.needed.items()}
+
+
 NO_PAIR = "stops"
 """Name of the stops to come of a mass that has none yet."""
 
@@ -690,7 +737,7 @@ has."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Sizing(ClearanceAnswer):
+class Sizing(SizedWithin):
     """The clearances that keep a target, and the evidence for them.
 
     One mass with one pair, or without stops yet, is sized by the curve of risk of its gap. Gaps of
@@ -739,9 +786,6 @@ class Sizing(ClearanceAnswer):
     record
         Whether measured records move the gaps as Gaussian noise would, and the clearances that they
         need; None without a record.
-    allowed
-        The tolerances that were asked for, within all of which the clearances to make keep the
-        target.
     production
         The risk of the production whose units differ, and the clearances that it needs, which
         `made` then has; None without distributions of tolerances.
@@ -778,12 +822,6 @@ class Sizing(ClearanceAnswer):
     as_given
         For a structure, the probability of any impact between the stops of the scene; None where a
         mean gap lies beyond a stop.
-    tolerances
-        For a structure, by linear theory, a row per end of the tolerances. The last row is the
-        largest of each column over their whole region, each for itself. Columns: `change`; under
-        its name the clearance of each sized pair for the same risk (m, from the nominal mean gap);
-        `factor`, the largest of them over the nominal one; and `probability` of any impact at the
-        nominal clearances. Without tolerances the first row, "as stated", is the only one.
     box
         Modes of a rigid body, and the clearances of one oscillator along each axis; None for any
         other structure.
@@ -815,7 +853,6 @@ class Sizing(ClearanceAnswer):
     method: str
     expected_hits: Estimate | None = None
     record: RecordVerdict | None = None
-    allowed: Tolerances = field(default_factory=Tolerances)
     production: Production | None = None
     fell_short: tuple[str, ...] = ()
     simulated: DataFrame = kept_table(())
@@ -828,7 +865,6 @@ class Sizing(ClearanceAnswer):
     common: tuple[str, ...] = ()
     probability: Probability | None = None
     as_given: Probability | None = None
-    tolerances: DataFrame = kept_table(())
     box: BoxOverview | None = None
     worst_at: Mapping[str, str] = field(default_factory=dict)
 
@@ -894,14 +930,7 @@ class Sizing(ClearanceAnswer):
     @property
     def varies(self) -> bool:
         """Whether the clearances to make are for more than the scene as stated."""
-        return self.production is not None or self.allowed != Tolerances()
-
-    @property
-    def within(self) -> str:
-        """The tolerances of the clearances to make, in words; empty without."""
-        if self.allowed == Tolerances():
-            return ""
-        return f" within {self.allowed.in_words()}"
+        return self.production is not None or super().varies
 
     @property
     def seed(self) -> int:
@@ -910,20 +939,14 @@ class Sizing(ClearanceAnswer):
         return seed if isinstance(seed, int) else 0
 
     @property
-    def rounded(self) -> Mapping[str, RoundedClearance]:
-        """The clearance of each sized pair: the calculated one or, where tolerances were asked for,
-        the largest within them, rounded up; for a production the one that its mean risk needs.
-        Empty where the largest were not found."""
+    def needed(self) -> Mapping[str, float]:
+        """The same; for a production the clearance that its mean risk needs."""
         if self.production is not None:
-            return self.production.made
-        needed = {name: each.value for name, each in self.clearances.items()}
-        if len(rows := rows_of(self, "tolerances")) > 1:
-            needed = {name: float(rows[-1][name]) for name in needed}
-        elif self.allowed != Tolerances() and not self.several:
-            worst = self.worst_case
-            largest = math.nan if worst is None else float(worst["clearance"].iloc[-1])
-            needed = dict.fromkeys(needed, largest)
-        return {n: RoundedClearance.of(each) for n, each in needed.items() if math.isfinite(each)}
+            return {name: each.value for name, each in self.production.clearances.items()}
+        if self.several or self.allowed == Tolerances():
+            return super().needed
+        worst = math.nan if self.worst_case is None else self.worst_case["clearance"].iloc[-1]
+        return {} if math.isnan(worst) else dict.fromkeys(self.clearances, float(worst))
 
     @property
     def gap(self) -> StopPositions:
@@ -1179,7 +1202,7 @@ class DamageSizing(ClearanceAnswer):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class MissionSizing(ClearanceAnswer):
+class MissionSizing(SizedWithin):
     """The clearance of a mission of several phases.
 
     Parameters
@@ -1211,6 +1234,7 @@ class MissionSizing(ClearanceAnswer):
 
     kind = "size"
     in_document: ClassVar = {"record": "record"}
+    sometimes = ("tolerances",)
 
     target: Target
     mission: float
@@ -1253,8 +1277,11 @@ class MissionSizing(ClearanceAnswer):
 
     def for_noise(self) -> str:
         """The clearance to make and the risk that it keeps, in words."""
+        if self.widest is None:
+            return f"No clearance was found that keeps the target{self.within}; raise budget."
         over = f" over {len(self.phases)} phases" if len(self.phases) > 1 else ""
-        return self._kept(f"{self.target.kept(self.mission)}{over}", self.target.accepted)
+        kept = f"{self.target.kept(self.mission)}{over}{self.within}"
+        return self._kept(kept, self.target.accepted, " as stated" * self.varies)
 
     def decides(self) -> str:
         """The phase that decides; empty of one phase."""

@@ -35,8 +35,18 @@ from stochvi.isolators.sizing.pairs import (
 from stochvi.isolators.sizing.risk_curve import ACCEPTED, target_of
 from stochvi.isolators.sizing.search import SEARCH
 from stochvi.isolators.sizing.sensitivity import LEAST_SECONDS, worst_case
-from stochvi.isolators.tolerances import Tolerances
+from stochvi.isolators.tolerances import (
+    WORST,
+    Changes,
+    Region,
+    Tolerances,
+    all_applied,
+    ends_of,
+    worded,
+    worst_within,
+)
 from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.mathematics.units import power_ratio
 from stochvi.mathematics.unsteady_noise import RandomLevel
 from stochvi.model.coverage import free_motion, modulated, nonlinear, scene_notes, unshaken
 from stochvi.model.model import Model, model_of
@@ -88,6 +98,12 @@ FARTHEST_PLACE, PLACES = 4.0, 401
 """Largest clearance that pieces of the motion under noise with fast peaks tell, over the largest
 that is looked at. All clearances are linear between so many up to it."""
 
+NEAREST = 0.2
+"""The nearest place that a changed mount may have over the nearest one that was simulated."""
+
+LEAST = 1e-300
+"""Smallest hazard, of which a logarithm is taken."""
+
 FAR = 30.0
 """Distance of a stop, in rms motions of its gap, beyond which it is left out: noise crosses it with
 a probability of 1e-195."""
@@ -109,6 +125,8 @@ class PhaseMotion:
         The sides on which each pair has a stop.
     pieces
         The model of all gaps where pieces of its motion are followed (`is_followed`), else None.
+    gain
+        By how much all that shakes is larger than in the model.
     """
 
     scene: Scene
@@ -119,38 +137,44 @@ class PhaseMotion:
     sides: tuple[tuple[float, ...], ...]
     sweep_rate: float
     pieces: Model | None
+    gain: float = 1.0
 
     @classmethod
-    def of(cls, phase: Phase, whole: Scene) -> PhaseMotion:
-        """A phase of a scene; `NotApplicable` where its motion without stops is not covered."""
+    def of(cls, phase: Phase, whole: Scene, made_for: Scene | None = None) -> PhaseMotion:
+        """A phase of a scene; `NotApplicable` where its motion without stops is not covered. Stops
+        are where they are made for, by default this scene."""
         scene = phase.of(whole)
         model = model_of(scene)
         if conditions := modulated(model):
             raise NotApplicable("size", [f"{each} (in phases)" for each in conditions])
         if model.functions and np.any(model.constant_force):
             raise NotApplicable("size", [HANGING])
-        steady = replace(model, level=None)
-        linear = linearised(steady)
-        free = one_gap(linear) if has_one_gap(model) else linear
-        motion = PairMotion.under_shocks(free)
-        stated = model_of(as_stated(whole))
+        motion = _motion_of(model)
+        stated = model_of(as_stated(made_for or whole))
         shifts = np.subtract(*(_mean_gaps(each) for each in (model, stated)))
         if model.level is not None:
             _check_level(model, shifts)
         return cls(
             scene=scene, model=model, motion=motion, duration=phase.duration, shifts=shifts,
             sweep_rate=phase.sweep_rate,
-            pieces=replace(steady, pairs=free.pairs) if is_followed(steady) else None,
+            pieces=replace(model, level=None, pairs=motion.model.pairs)
+            if is_followed(replace(model, level=None)) else None,
             sides=tuple(
                 tuple(float(stop.side) for stop in pair.stops) or SIDES
                 for pair in model.pairs or motion.model.pairs
             ),
         )  # fmt: skip
 
+    def changed(self, model: Model, motion: PairMotion, gain: float) -> PhaseMotion:
+        """The phase on a changed mount, with its motion, and all that shakes larger by a gain; the
+        stops stay where they are."""
+        shifts = self.shifts + _mean_gaps(model) - _mean_gaps(self.model)
+        return replace(self, model=model, motion=motion, shifts=shifts, gain=gain)
+
     @property
     def sigma(self) -> Vector:
         """(pairs,): rms of each gap, sines included."""
-        return np.asarray(self.motion.displacement_std)
+        return self.gain * np.asarray(self.motion.displacement_std)
 
     @property
     def level_time(self) -> float:
@@ -169,7 +193,8 @@ class PhaseMotion:
 
     def crossings(self, clearances: Vector, gain: float = 1.0) -> float:
         """Rice's rate of crossings of all stops, 1/s, under noise that is louder by a gain."""
-        return rice_rate(self.motion.motions, self.distances(clearances[None])[:, 0], gain)
+        stops = self.distances(clearances[None])[:, 0]
+        return rice_rate(self.motion.motions, stops, gain * self.gain)
 
     def expected(self, clearances: Vector) -> float:
         """Rice's number of crossings; where the level varies, the hazard that follows from it."""
@@ -183,6 +208,12 @@ class PhaseMotion:
         """-ln(1 - P) of a hazard with these rates at the gains of a level."""
         chance = level.probability(rates, self.duration)
         return -math.log1p(-min(chance, KNOWN))
+
+
+def _motion_of(model: Model) -> PairMotion:
+    """The motion of all gaps of a model at a steady level."""
+    linear = linearised(replace(model, level=None))
+    return PairMotion.under_shocks(one_gap(linear) if has_one_gap(model) else linear)
 
 
 def _mean_gaps(model: Model) -> Vector:
@@ -216,11 +247,15 @@ class HazardInPhase:
     curve
         What was simulated, where the level varies at the level 0 dB in the time of the level; None
         where crossings count by Rice's formula.
+    like
+        Of a changed mount, the hazard on the mount as stated, which it has where its stops are
+        crossed as often; None where nothing is changed.
     """
 
     phase: PhaseMotion
     clearances: Callable[[float], Vector]
     curve: HazardCurve | None = None
+    like: HazardInPhase | None = None
 
     @classmethod
     def alone(cls, phase: PhaseMotion, pair: int) -> HazardInPhase:
@@ -265,10 +300,29 @@ class HazardInPhase:
     def _rows(self, places: Vector) -> Vector:
         return self.phase.distances(np.array([self.clearances(float(each)) for each in places]))
 
+    @cached_property
+    def _place_crossed(self) -> scipy.interpolate.PchipInterpolator:
+        """The square of the place over the logarithm of the crossings that are expected there."""
+        assert self.curve is not None
+        nearest, farthest = self.curve.ends
+        least = max(np.abs(self.phase.shifts).max(), NEAREST * nearest)
+        places = np.linspace(least, FARTHEST_PLACE * farthest, PLACES)[1:]
+        logs = np.log(np.maximum([self.expected(each) for each in places], LEAST))
+        falling = np.diff(logs, prepend=math.inf) < 0.0
+        return scipy.interpolate.PchipInterpolator(-logs[falling], places[falling] ** 2)
+
+    def crossed(self, expected: float) -> Hazard:
+        """The hazard at the place where so many crossings are expected."""
+        square = self._place_crossed
+        log = -math.log(max(expected, LEAST))
+        return self.hazard(math.sqrt(square(min(max(log, square.x[0]), square.x[-1]))))
+
     def hazard(self, place: float) -> Hazard:
         """-ln(1 - P) at a place, and half its 95 % interval."""
         if self.curve is None:
             return Hazard(self.expected(place))
+        if self.like is not None:
+            return self.like.crossed(self.expected(place))
         level = self.phase.model.level
         if level is None:
             return self.curve.hazard(place)
@@ -299,9 +353,6 @@ class HazardInPhase:
 POINTS, AROUND = 41, 0.35
 """Number of clearances of the curve of an answer, and how far it reaches from the clearance that
 was found, as a share of it."""
-
-LEAST = 1e-300
-"""Smallest hazard, of which a logarithm is taken."""
 
 
 @dataclass(frozen=True)
@@ -441,8 +492,9 @@ noise of varying level may be, by steps of as much."""
 
 
 def size_mission(
-    scene: Scene, target: Target, run: Run, common: Sequence[str] = ()
-) -> MissionSizing:
+    scene: Scene, target: Target, run: Run, common: Sequence[str] = (),
+    tolerances: Tolerances | None = None,
+) -> MissionSizing:  # fmt: skip
     """The clearance of a scene with phases, see `size`."""
     if target.name != "probability":
         raise NotApplicable(
@@ -458,7 +510,10 @@ def size_mission(
             ["nothing may differ between units where the scene has phases, got "
              f"{differing[0]}; size one phase, named as FILE.toml#PHASE"],
         )  # fmt: skip
-    stated = Tolerances.of(scene).in_words()
+    allowed = (tolerances or Tolerances.of(scene)).felt(scene, by_hits=False)
+    _check_changes(scene, allowed)
+    end = 1.0 if allowed == Tolerances() else 1.0 - SEARCH.share_of_tolerances
+    whole, run = run, run.part(0.0, end, deadline=run.deadline.share(end))
     phases = {phase.name: PhaseMotion.of(phase, scene) for phase in scene.phases}
     hazard = -math.log1p(-target.value)
     names = [each.name for each in model_of(as_stated(scene)).pairs] or ["stops"]
@@ -488,7 +543,7 @@ def size_mission(
             own = part.part(done / len(asked), (done + 1.0) / len(asked), deadline=share)
             gaps[pair][name] = _simulated(gaps[pair][name], pair, target, own)
     alone = [Joint(each, steps) for each in gaps]
-    joint, guess, widest = alone[0], guesses[0], 0
+    joint, guess, widest, shared = alone[0], guesses[0], 0, None
     at: Callable[[float], Vector] = np.atleast_1d
     if several:
         shared = EqualRisk.around(hazard, alone, guesses, [names.index(each) for each in common])
@@ -506,6 +561,11 @@ def size_mission(
     }
     table = _table(phases, joint, clearance.value, widest, needed)
     idle = {row["phase"]: row["share"] for row in rows_of(table) if row["phase"] not in busy}
+    rest = whole.part(end, deadline=whole.deadline.in_no_less_than(LEAST_SECONDS))
+    within, short = ChangedMissions(
+        scene=scene, target=target, allowed=allowed, phases=phases, joint=joint, shared=shared,
+        names=names, at=at, place=clearance.value,
+    ).table(rest)  # fmt: skip
     return MissionSizing(
         scene=scene, target=target, mission=sum(phase.duration for phase in phases.values()),
         clearances={
@@ -514,8 +574,9 @@ def size_mission(
         },
         phases=table,
         curve=joint.curve(clearance.value),
+        allowed=allowed,
+        tolerances=within,
         assumptions=(
-            *([f"tolerances of the scene are not included: {stated}"] if stated else []),
             *([INDEPENDENT] if len(phases) > 1 else []),
             *spoken_lags({name: each.scene for name, each in phases.items()}, scene.phases),
             *([FOLLOWED] if any(each.scene.random_level for each in phases.values()) else []),
@@ -533,7 +594,7 @@ def size_mission(
             for name, phase in phases.items()
             if (verdict := record_verdict(phase.scene)) is not None
         },
-        warnings=joint.short(run.accuracy), cost=run.cost(),
+        warnings=[*joint.short(run.accuracy), *short], cost=whole.cost(),
         provenance=provenance(scene.document(), run.seed),
     )  # fmt: skip
 
@@ -548,10 +609,12 @@ def _simulated(own: HazardInPhase, pair: int, target: Target, run: Run) -> Hazar
     return own.simulated(levels + abs(phase.shifts[pair]), run)
 
 
-def _together(whole: HazardInPhase, shared: EqualRisk, hazard: float, run: Run) -> HazardInPhase:
-    """The hazard of any pair in a phase."""
+def _together(
+    whole: HazardInPhase, shared: EqualRisk, hazard: float, run: Run, farther: float = 1.0
+) -> HazardInPhase:
+    """The hazard of any pair in a phase, around clearances that are larger by a factor."""
     if whole.phase.pieces is None:
-        return whole.simulated(shared.of_widest, run)
+        return whole.simulated(farther * shared.of_widest, run)
     places = np.linspace(0.0, FARTHEST_PLACE * shared.places.max(), PLACES)[1:]
     return whole.in_pieces(places, hazard, run, shared.depth)
 
@@ -608,6 +671,144 @@ def _felt(expected: Mapping[str, float], phases: Mapping[str, PhaseMotion]) -> l
         for name, each in expected.items()
         if each > NEGLIGIBLE * most or phases[name].pieces is not None
     ]
+
+
+# ------------------------------------------------------------------------------
+# The clearances that keep the probability of a mission within tolerances of mount and level.
+#
+# Each phase of a changed mission has the hazard of the phase as stated where its stops are crossed
+# as often, by Rice's formula: so the hazard of the mission is known within the whole region of the
+# tolerances, and is inverted along the same family of stops. The mission that asks for most is
+# simulated as the stated one is.
+# ------------------------------------------------------------------------------
+
+
+WORST_ERROR = 0.2
+"""Relative error of the risk of the worst mission within tolerances: that of its clearance c is
+0.2 sigma^2 / c^2, some 1 %."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ChangedMissions:
+    """A mission within its tolerances.
+
+    Parameters
+    ----------
+    scene, target, allowed
+        The scene with its phases, the target, and the tolerances.
+    phases, joint
+        The phases as stated, and their hazard.
+    names, shared, at
+        The pairs; those of several at equal risks; and their clearances at a place.
+    place
+        That of the stops that keep the target as stated.
+    """
+
+    scene: Scene
+    target: Target
+    allowed: Tolerances
+    phases: Mapping[str, PhaseMotion]
+    joint: Joint
+    names: Sequence[str]
+    shared: EqualRisk | None
+    at: Callable[[float], Vector]
+    place: float
+
+    @property
+    def hazard(self) -> float:
+        """The hazard that is accepted."""
+        return -math.log1p(-self.target.value)
+
+    @cached_property
+    def _regions(self) -> dict[str, Region]:
+        return {name: Region(each.scene, self.allowed) for name, each in self.phases.items()}
+
+    @cached_property
+    def _known(self) -> dict[tuple[str, Changes], tuple[Model, PairMotion]]:
+        return {}
+
+    def changed(self, changes: Changes) -> Joint:
+        """The hazard of the mission with changes of mount and level, by linear theory."""
+        mount = tuple(each for each in changes if each.quantity != "level")
+        gain = math.prod(math.sqrt(power_ratio(each.amount)) for each in changes[len(mount) :])
+        found = {}
+        for name, phase in self.phases.items():
+            if mount and (name, mount) not in self._known:
+                model = self._regions[name].changed(mount)
+                self._known[name, mount] = model, _motion_of(model)
+            model, motion = self._known.get((name, mount), (phase.model, phase.motion))
+            own = self.joint.phases[name]
+            found[name] = replace(own, phase=phase.changed(model, motion, gain), like=own)
+        return Joint(found, self.joint.steps)
+
+    def needs(self, changes: Changes) -> Vector:
+        """The place that keeps the target with these changes, and the hazard where the stops keep
+        it as stated."""
+        joint = self.changed(changes)
+        place = joint.clearance(self.hazard, self.place).value
+        return np.array([place, joint.hazard(self.place).value])
+
+    def simulated(self, changes: Changes, guess: float, run: Run) -> float:
+        """The place that keeps the target with changes that bring it near a guess."""
+        changed = all_applied(changes, self.scene)
+        phases = {
+            phase.name: PhaseMotion.of(phase, changed, self.scene) for phase in changed.phases
+        }
+        hazards = {
+            name: HazardInPhase(phase=phase, clearances=self.at) for name, phase in phases.items()
+        }
+        expected = {name: each.expected(guess) for name, each in hazards.items()}
+        busy = {name: phases[name].duration for name in _felt(expected, phases)}
+        for name, part in parts_of_mission(run, busy):
+            if self.shared is None:
+                hazards[name] = _simulated(hazards[name], 0, self.target, part)
+            else:
+                farther = guess / float(np.median(self.shared.of_widest))
+                hazards[name] = _together(hazards[name], self.shared, self.hazard, part, farther)
+        return Joint(hazards, self.joint.steps).clearance(self.hazard, guess).value
+
+    def table(self, run: Run) -> tuple[DataFrame, list[str]]:
+        """The table of `MissionSizing.tolerances`, and a sentence where the worst is not in it."""
+        if self.allowed == Tolerances():
+            return frame_of(), []
+        found = [("as stated", np.array([self.place, self.hazard]))]
+        ends = [(each,) for each in ends_of(self.allowed)]
+        found += [(worded(each), self.needs(each)) for each in ends]
+        narrowest = min(each.narrowest() for each in self._regions.values())
+        run.tell(0.0, "the worst place within the tolerances")
+        try:
+            worst, riskiest = worst_within(
+                self.allowed.limits(), self.needs, narrowest, run.deadline
+            )
+            again = replace(run, rel_error=WORST_ERROR)
+            place = self.simulated(worst[1], worst[0], again)
+        except (NotConverged, Interrupted) as reason:
+            return frame_of(map(self._row, found)), [
+                f"the largest clearance within the tolerances was not found: {reason}"
+            ]
+        # with one quantity alone the search ends where its row is
+        place, risk = np.max([each for _, each in found] + [[place, riskiest[0]]], axis=0)
+        found.append((f"{WORST}: {worded(worst[1])}", np.array([place, risk])))
+        return frame_of([self._row(each) for each in found]), []
+
+    def _row(self, found: tuple[str, Vector]) -> dict[str, str | float]:
+        words, (place, hazard) = found
+        return {
+            "change": words,
+            **dict(zip(self.names, self.at(float(place)).tolist(), strict=True)),
+            "factor": float(place) / self.place,
+            "probability": -math.expm1(-float(hazard)),
+        }
+
+
+def _check_changes(scene: Scene, allowed: Tolerances) -> None:
+    """Raise `NotApplicable` for tolerances of springs and dampers that are functions."""
+    if scene.structure.functions and any(name != "level" for name in allowed.limits()):
+        raise NotApplicable(
+            "size",
+            ["tolerances must be of the level alone where a spring or damper is a function, got "
+             f"{allowed.in_words()}; write a scene for each state of the mount"],
+        )  # fmt: skip
 
 
 # ------------------------------------------------------------------------------
@@ -887,8 +1088,8 @@ def size(
     common
         Names of pairs that are made with one clearance in common, which is found for all of them.
     tolerances
-        Tolerances within all of which the clearance to make keeps the target; by default those
-        that the scene states (`Tolerances.of`), which may be none.
+        Tolerances within all of which the clearance to make keeps the target, of a mission that of
+        all its phases; by default those that the scene states (`Tolerances.of`), which may be none.
     spreads
         Distributions of tolerances between the units of a production, as `production` takes them:
         the clearance to make then keeps the probability for the mean over the units. By default
@@ -1022,7 +1223,7 @@ def _of_production(
 
 def _of_phases(
     scene: Scene, target: Target, mission: float | None, run: Run, common: Sequence[str],
-    **others: object,
+    tolerances: Tolerances | None, **others: object,
 ) -> MissionSizing:  # fmt: skip
     """The sizing of a scene with phases; refuses arguments that are not for phases."""
     if mission is not None:
@@ -1038,7 +1239,7 @@ def _of_phases(
             )
     _check_names(scene, "common", common)
     try:
-        found = size_mission(scene, target, run, common)
+        found = size_mission(scene, target, run, common, tolerances)
     except NotApplicable as reason:
         # the user called `size`, whatever function it came from
         raise NotApplicable("size", reason.conditions) from reason

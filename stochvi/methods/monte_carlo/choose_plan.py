@@ -881,7 +881,8 @@ class GapResponse:
         fine = FINER * self.samples
         f = np.arange(fine // 2 + 1) / self.block_length
         moved = gains(f, np.diag(self.modes.squares), self.modes.dynamic, force) @ rows.T
-        moved *= (pulses.size * pulses.shock.transform(2.0 * np.pi * f))[:, None]
+        waves = pulses.shock.transform_evenly(2.0 * np.pi / self.block_length, len(f))
+        moved *= (pulses.size * waves)[:, None]
         found = [
             scipy.fft.irfft((2j * np.pi * f[:, None]) ** order * moved, fine, axis=0)[::FINER]
             for order in (0, 1)

@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING
 from stochvi.isolators.sizing.answer import (
     MOST_NAMED,
     ClearanceAnswer,
+    SizedWithin,
     Sizing,
     places_in_words,
     sides_in_words,
 )
+from stochvi.isolators.tolerances import Tolerances
 from stochvi.mathematics.units import ACCELERATION, LENGTH, SPEED, spoken_mission
 from stochvi.results.base import rows_of
 from stochvi.results.estimates import spoken_percent
@@ -108,10 +110,10 @@ def _place(found: ClearanceAnswer) -> list[Fact]:
     sides = sides_in_words(found.hanging, found.clearances)
     enough = within = stated = sigmas = ""
     interval = f"{limits_of(c.lower, c.upper)} (95 % of the calculation)"
+    if isinstance(found, SizedWithin) and found.allowed != Tolerances():
+        within, stated = f"within {found.allowed.in_words()}; ", "without tolerances; "
     if isinstance(found, Sizing):
         sigmas = f", {c.value / found.sigma:.2f} sigma"
-        if found.worst_case is not None:
-            within, stated = f"within {found.allowed.in_words()}; ", "without tolerances; "
         if found.kept_with is not None:
             enough, interval = "enough, and less may be; ", "the nearest stops that can be judged"
     if made is None:
