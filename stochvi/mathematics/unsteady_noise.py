@@ -220,7 +220,8 @@ class PulseShape:
         few = math.isqrt(number - 1) + 1
         near = self.values * np.exp(-1j * step * np.arange(few)[:, None] * times)
         far = np.exp(-1j * step * few * np.arange(-(-number // few))[:, None] * times)
-        return self._straight(step * np.arange(number)) * np.ravel(far @ near.T)[:number]
+        found: Waves = np.ravel(far @ near.T)[:number]
+        return self._straight(step * np.arange(float(number))) * found
 
     def _straight(self, omega: Vector) -> Vector:
         """What the straight lines between points have more than their sum, s."""
