@@ -22,9 +22,9 @@ PACKAGES: dict[str, str] = {}
 class Parts(dict[str, Part]):
     """The parts of a group by their names: those that ship, and those of other packages.
 
-    A package names its part as an entry point of the group `stochvi.GROUP`. Only a name that is not
-    known here is looked for among entry points: that takes time, and runs code of others. What
-    ships keeps its name.
+    A package names its part as an entry point, of the group "stochvi.laws" and so on. Only a name
+    that is not known here is looked for among entry points: that takes time, and runs code of
+    others. What ships keeps its name.
 
     Parameters
     ----------
