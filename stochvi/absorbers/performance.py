@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, replace
 from typing import Any, ClassVar, NamedTuple, Unpack
 
@@ -31,6 +31,7 @@ from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import (
     Estimate,
     combined,
+    correlated_total,
     mean_and_error,
     provenance,
     student_factor,
@@ -699,12 +700,14 @@ def _performance(
     without = _windows(alone, name, period, run)
     model = model_of(scene)
     pairs = [response.impact_pairs[pair.name] for pair in model.pairs]
-    rate = _sum(_known(pair.collision_rate) for pair in pairs)
+    rate = correlated_total([_known(pair.collision_rate) for pair in pairs])
     own_period = 2.0 * math.pi * deviation.value / velocity.value
-    pushes = _sum(
-        push
-        for pair, found in zip(model.pairs, pairs, strict=True)
-        for push in _pushes(pair, found)
+    pushes = correlated_total(
+        [
+            push
+            for pair, found in zip(model.pairs, pairs, strict=True)
+            for push in _pushes(pair, found)
+        ]
     )
     return Performance(
         level_db=level,
@@ -897,7 +900,7 @@ def _absorbed(model: Model, response: Response) -> Estimate | None:
     The dampers between coordinates i and j take -C_ij E (v_i - v_j)^2; None where that is not
     known.
     """
-    loss = _sum(response.stop_powers.values())
+    loss = correlated_total([*response.stop_powers.values()])
     damping = model.damping
     dissipation = [
         _square(_known(response.coordinates[name].velocity_std)) * float(own)
@@ -914,7 +917,7 @@ def _absorbed(model: Model, response: Response) -> Estimate | None:
                 return None
             speed = response.impact_pairs[between[0]].relative_velocity_std
             dissipation.append(_square(_known(speed)) * -float(damping[i, j]))
-    damped = _sum(dissipation)
+    damped = correlated_total(dissipation)
     supplied = loss.value + damped.value
     share = loss.value / supplied
     slopes = [(1.0 - share) / supplied, share / supplied]
@@ -927,7 +930,10 @@ def _mean_peak(found: Sequence[PairResponse]) -> Estimate | None:
     rates = [_known(each.collision_rate).value for each in found]
     if any(peak is None for peak in peaks) or not sum(rates):
         return None
-    return _sum(_known(peak) * (rate / sum(rates)) for peak, rate in zip(peaks, rates, strict=True))
+    shares = (rate / sum(rates) for rate in rates)
+    return correlated_total(
+        [_known(peak) * share for peak, share in zip(peaks, shares, strict=True)]
+    )
 
 
 def _pushes(pair: Pair, found: PairResponse) -> list[Estimate]:
@@ -952,16 +958,3 @@ def _known(estimate: Estimate | None) -> Estimate:
 
 def _square(estimate: Estimate) -> Estimate:
     return replace(estimate * (2.0 * estimate.value), value=estimate.value**2)
-
-
-def _sum(estimates: Iterable[Estimate]) -> Estimate:
-    """Sum of estimates, with an error that holds for any correlation of the terms."""
-    terms = list(estimates)
-    biases = [each.bias for each in terms]
-    return Estimate(
-        value=sum(each.value for each in terms),
-        standard_error=sum(each.standard_error for each in terms),
-        bias=None if None in biases else sum(bias for bias in biases if bias is not None),
-        how=terms[0].how if terms else "",
-        bias_error=sum(each.bias_error for each in terms),
-    )

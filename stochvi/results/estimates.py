@@ -689,6 +689,35 @@ def total(parts: Sequence[Estimate], shares: Any = 1.0, how: str = "") -> Estima
     return Estimate(value=0.0, bias=None, how=how, upper_95=seen.interval()[1] + unseen)
 
 
+def correlated_total(parts: Sequence[Estimate]) -> Estimate:
+    """The sum of numbers or rates of one simulation, with an error that holds for any correlation.
+
+    What was not seen in a part is at most its limit: a bias beside what was seen in others, else a
+    limit of the sum. A bias that is not known leaves that of the sum unknown.
+
+    Examples
+    --------
+    >>> unseen = Estimate(value=0.0, bias=None, upper_95=0.3)
+    >>> seen = Estimate(value=2.0, standard_error=0.3, bias=0.1)
+    >>> correlated_total([seen, seen]), correlated_total([seen, unseen])
+    (4.00(60), bias up to 0.2 [], 2.00(30), bias up to 0.4 [])
+    >>> correlated_total([unseen, unseen]).upper_95
+    0.6
+    """
+    known = [each for each in parts if each.upper_95 is None]
+    limits = math.fsum(each.upper_95 or 0.0 for each in parts)
+    if parts and not known:
+        return replace(parts[0], upper_95=limits)
+    biases = [each.bias for each in known if each.bias is not None]
+    return Estimate(
+        value=math.fsum(each.value for each in known),
+        standard_error=math.fsum(each.standard_error for each in known),
+        bias=math.fsum(biases) + limits if len(biases) == len(known) else None,
+        how=known[0].how if known else "",
+        bias_error=math.fsum(each.bias_error for each in known),
+    )
+
+
 TOO_FEW = "in too few independent samples for an interval"
 """Where events were seen of which an upper limit alone is stated."""
 

@@ -29,6 +29,7 @@ from stochvi.results.deadline import Deadline, partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import (
     Estimate,
+    correlated_total,
     jackknife_error,
     jackknife_ratio,
     of_events,
@@ -933,7 +934,7 @@ def count_impacts(scene: Scene, overlap: float, run: Run) -> ImpactCounts:
         speeds[pair.name] = speed if isinstance(speed, Estimate) else None
     short = short or all(rate.upper_95 is not None for rate in rates.values())
     return ImpactCounts(
-        rate=_sum([*rates.values()]), rates=rates, speeds=speeds, way="simulation",
+        rate=correlated_total([*rates.values()]), rates=rates, speeds=speeds, way="simulation",
         samples=response.cost.paths, response=response, short=short,
     )  # fmt: skip
 
@@ -951,19 +952,3 @@ def clusters_apart(
     except NotApplicable:
         return None
     return found if found.apart else None
-
-
-def _sum(rates: list[Estimate]) -> Estimate:
-    """Sum of rates of one simulation, whose errors add up at worst."""
-    if len(rates) == 1:
-        return rates[0]
-    known = [each for each in rates if each.upper_95 is None]
-    if not known:
-        return replace(rates[0], upper_95=math.fsum(each.upper_95 or 0.0 for each in rates))
-    return replace(
-        known[0],
-        value=math.fsum(each.value for each in known),
-        standard_error=math.fsum(each.standard_error for each in known),
-        # impacts on pairs of which an upper limit alone is known are left out
-        bias=math.fsum(each.bias or each.upper_95 or 0.0 for each in rates),
-    )

@@ -655,12 +655,10 @@ def rice_rate(motions: Sequence[MovingMean], stops: Matrix, gain: float = 1.0) -
     )
 
 
-def own_distances(model: Model, means: Vector | None = None) -> tuple[Vector, Vector]:
-    """(pairs,) distances of the lower and of the upper stops from the mean gaps, m, by default
-    those under the constant loads."""
-    rest = model.mean_gaps if means is None else means
+def own_distances(model: Model) -> tuple[Vector, Vector]:
+    """(pairs,) distances of the lower and of the upper stops from the mean gaps, m."""
     found = np.full((2, len(model.pairs)), math.inf)
-    for number, (pair, place) in enumerate(zip(model.pairs, rest, strict=True)):
+    for number, (pair, place) in enumerate(zip(model.pairs, model.mean_gaps, strict=True)):
         for stop in pair.stops:
             found[int(stop.side > 0), number] = stop.side * (stop.position - place)
     return found[0], found[1]

@@ -452,8 +452,7 @@ def crossings_of(model: Model) -> Callable[[float], tuple[float, float]]:
     """
     motion = free_motion(model, with_sines=True)
     rows = np.array([pair.direction for pair in model.pairs]).reshape(len(model.pairs), -1)
-    means = rows @ motion.modes.shapes @ (motion.modes.rest + motion.law.mean)
-    gaps, stops = motion.moving_means(rows), np.array(own_distances(model, means))
+    gaps, stops = motion.moving_means(rows), np.array(own_distances(model))
 
     def of_gain(gain: float) -> tuple[float, float]:
         louder = [replace(each, place=gain * each.place, speed=gain * each.speed) for each in gaps]
