@@ -73,7 +73,8 @@ def _with_linear_part(model: Model) -> Model:
         unmet.append("sines must be left out beside a spring or damper that is a function")
     if unmet:
         raise NotApplicable("first contacts", unmet)
-    return with_linear_part(with_dampers(replace(model, pairs=())), "first contacts")
+    free = with_dampers(replace(model, pairs=()))
+    return with_linear_part(free, "first contacts") if free.functions else free
 
 
 @dataclass(frozen=True, eq=False)

@@ -141,6 +141,22 @@ def test_on_a_linear_spring_pieces_are_the_linear_motion() -> None:
     assert np.abs(other.flown(bent_numbers, other.counted) - linear).max() > 1e-4
 
 
+def test_pieces_of_a_mount_without_functions_are_its_motion() -> None:
+    """Those of a linear table of the same stiffness, by a mount that has no function at all."""
+    scene = linear_table(0.01)
+    plain = model_of(scene.replace(structure=Isolator(mass=10.0, stiffness=2e4, damping=60.0)))
+    like = pieces_of(scene)
+    pieces = replace(like, model=plain)
+    assert pieces.window == pytest.approx(like.window, rel=0.05)
+    assert pieces.moving.tolist() == [0]
+    numbers = pieces.fresh(0).records[:4]
+    samples = pieces.plan.samples
+    free = np.fft.irfft(pieces.transform(numbers, samples), samples, axis=0)[:, :1]
+    linear = np.einsum("gm,smp->sgp", pieces.directions, free)[: pieces.counted]
+    flown = pieces.flown(numbers, pieces.counted)
+    np.testing.assert_allclose(flown, linear, atol=1e-9 * np.abs(linear).max())
+
+
 test_what_is_not_known_on_functions_is_refused = refusals(
     lambda scene, arguments: reliability(scene, mission=10.0, **arguments),
     (mount(0.01, damper=Coulomb(force=5.0)), {"impact_speed": 0.1}, "any impact alone"),
@@ -255,7 +271,7 @@ def test_loads_and_tolerances_beside_functions_are_refused() -> None:
     )
     with pytest.raises(NotApplicable, match="let reliability judge the stops"):
         size(hanging, probability=0.01)
-    with pytest.raises(ValueError, match="tolerances must be left out where"):
+    with pytest.raises(NotApplicable, match="tolerances must be of the level alone"):
         size(
             mount(0.01, damper=Coulomb(force=5.0)), probability=0.01,
             tolerances=Tolerances(frequency=0.05),
