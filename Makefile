@@ -54,7 +54,7 @@ verify-tenth: .venv/test-installed
 	$(BIN)/python .ci/verify_tenth.py --log
 
 distributed: .venv/test-installed .venv/distributed-installed
-	$(BIN)/python -m pytest -m "" tests/methods/monte_carlo/test_long_runs.py tests/sampling -k "dask or cluster"
+	$(BIN)/python -m pytest -m "" tests/motion/test_long_runs.py tests/sampling -k "dask or cluster"
 
 lint: .venv/dev-installed
 	$(BIN)/ruff check .

@@ -26,8 +26,8 @@ PART = (
     "stochvi/mathematics", "stochvi/model", "stochvi/results", "stochvi/scenes",
     "tests/methods/closed_form", "tests/methods/fokker_planck/test_fokker_planck.py",
     "tests/methods/linearisation", "tests/methods/replay",
-    "tests/methods/monte_carlo/test_monte_carlo.py",
-    "tests/methods/monte_carlo/test_random_numbers.py",
+    "tests/motion/test_monte_carlo.py",
+    "tests/motion/test_random_numbers.py",
     "tests/isolators/test_record_verdict.py", "tests/isolators/test_isolators.py",
     "tests/cli/test_cli.py", "tests/cli/test_quantities.py", "tests/views/test_tables.py",
 )  # fmt: skip

@@ -22,9 +22,9 @@ from stochvi import (
     simulate,
     spectrum,
 )
-from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.periodic import harmonic_response
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
 from stochvi.results.deadline import Deadline, ended_by
 from stochvi.sampling.calculations import FEWEST_AT_ONCE, FULL_LANES
 from stochvi.scenes.datasets import shipped_scene
@@ -69,7 +69,7 @@ def slowed(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
 @pytest.mark.parametrize(
     ("solve", "module", "planning", "fewest"),
     [
-        (simulate, "stochvi.methods.monte_carlo.simulation", "make_plan", FULL_LANES),
+        (simulate, "stochvi.methods.monte_carlo", "make_plan", FULL_LANES),
         (spectrum, "stochvi.statistics.spectra", "plan_histories", FEWEST_AT_ONCE),
         (impacts, "stochvi.statistics.impacts", "plan_impacts", FEWEST_AT_ONCE),
     ],

@@ -21,8 +21,8 @@ from sphinx.pycode import ModuleAnalyzer
 import stochvi
 from stochvi.methods import averaging, closed_form, fokker_planck
 from stochvi.methods.linearisation import linearise
-from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.scenes.datasets import data_folder
 from stochvi.scenes.keys import scene_schema

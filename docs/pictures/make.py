@@ -147,8 +147,8 @@ KINDS = {
 def methods() -> Axes:
     """Which method covers which kind of scene, by what the methods say of themselves."""
     from stochvi.methods import averaging, closed_form, fokker_planck
-    from stochvi.methods.monte_carlo.choose_plan import unmet
     from stochvi.model.model import model_of
+    from stochvi.motion.choose_plan import unmet
 
     def linearised(scene: stochvi.Scene) -> bool:
         try:

@@ -25,8 +25,7 @@ from stochvi.absorbers.performance import (
 )
 from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.units import LENGTH, ShownQuantity, readable
-from stochvi.methods.monte_carlo import simulate
-from stochvi.methods.monte_carlo.simulation import compile_kernels
+from stochvi.methods.monte_carlo import compile_kernels, simulate
 from stochvi.methods.periodic import HarmonicResponse, harmonic_response
 from stochvi.methods.periodic.continuation import even_regimes
 from stochvi.methods.periodic.family import Family, Numbers, forced, parts_of

@@ -14,8 +14,7 @@ import scipy
 
 from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.units import shown
-from stochvi.methods.monte_carlo import record_paths, simulate
-from stochvi.methods.monte_carlo.simulation import compile_kernels
+from stochvi.methods.monte_carlo import compile_kernels, record_paths, simulate
 from stochvi.model.modal import linear_law
 from stochvi.model.model import Model, Pair, Stop, model_of
 from stochvi.results.base import (

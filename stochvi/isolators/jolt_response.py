@@ -15,11 +15,11 @@ from scipy.special import bdtrc
 from stochvi.mathematics import numerics
 from stochvi.mathematics.numerics import Matrix
 from stochvi.mathematics.units import LENGTH
-from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.periodic.resonance import HarmonicResonance
 from stochvi.model.coverage import beyond_one_oscillator, functions, scattered
 from stochvi.model.model import model_of
+from stochvi.motion.kernels.random_numbers import seed_streams
+from stochvi.motion.modal import ModalPlan, plan_modal
 from stochvi.results.base import DataFrame, Result, frame_of
 from stochvi.results.deadline import Deadline, Progress, graceful_interrupt
 from stochvi.results.errors import MOST_NUMBERS, NotApplicable, check_size

@@ -18,12 +18,12 @@ from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import explain_methods
 from stochvi.mathematics.unsteady_noise import Crossings, Sines
 from stochvi.methods.monte_carlo import simulate
-from stochvi.methods.monte_carlo.choose_plan import GapResponse, shaken_by_tables, unmet
-from stochvi.methods.monte_carlo.kernels.crossings_and_cycles import motions_around
-from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import Model, model_of
 from stochvi.model.scales import scales_of_free_motion
+from stochvi.motion.choose_plan import GapResponse, shaken_by_tables, unmet
+from stochvi.motion.kernels.crossings_and_cycles import motions_around
+from stochvi.motion.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.results.base import Response
 from stochvi.results.deadline import Deadline, partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged

@@ -23,14 +23,6 @@ from stochvi.mathematics.unsteady_noise import (
     Sines,
     even_phases,
 )
-from stochvi.methods.monte_carlo.choose_plan import GapResponse, plan_gaps
-from stochvi.methods.monte_carlo.kernels.crossings_and_cycles import (
-    ShockResponses,
-    StatesAtCrossings,
-    Waves,
-    outcrossing_ages,
-)
-from stochvi.methods.monte_carlo.synthesis import MOST_SAMPLES
 from stochvi.model.coverage import (
     beyond_one_oscillator,
     free_motion,
@@ -39,6 +31,14 @@ from stochvi.model.coverage import (
     without_noise,
 )
 from stochvi.model.model import ALIKE, Model, Pair, model_of, sharing_of
+from stochvi.motion.choose_plan import GapResponse, plan_gaps
+from stochvi.motion.kernels.crossings_and_cycles import (
+    ShockResponses,
+    StatesAtCrossings,
+    Waves,
+    outcrossing_ages,
+)
+from stochvi.motion.synthesis import MOST_SAMPLES
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, jackknife_error

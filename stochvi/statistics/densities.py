@@ -15,8 +15,8 @@ from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.methods.averaging import AveragedDensity, average_density
 from stochvi.methods.closed_form import displacement_density, exact, unmet
 from stochvi.methods.monte_carlo import record_path
-from stochvi.methods.monte_carlo.choose_plan import HistoryPlan, plan_histories
 from stochvi.model.model import Model, Pair, model_of
+from stochvi.motion.choose_plan import HistoryPlan, plan_histories
 from stochvi.results.base import DataFrame, Response, frame_of
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import NotApplicable, SceneError

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import bin_variances, gains
 from stochvi.mathematics.unsteady_noise import FastPeaks, UnreachableKurtosis
-from stochvi.methods.monte_carlo.choose_plan import with_tables
-from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.model.coverage import functions_of_arrays, modulated, not_gaussian, without_noise
 from stochvi.model.model import Model, with_dampers
 from stochvi.model.scales import with_linear_part
+from stochvi.motion.choose_plan import with_tables
+from stochvi.motion.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.results.errors import NotApplicable
 from stochvi.statistics.crossings import pressed_pairs
 from stochvi.statistics.trial_splitting import (

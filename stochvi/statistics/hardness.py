@@ -15,8 +15,8 @@ from stochvi.results.errors import NotApplicable
 if TYPE_CHECKING:
     from stochvi.mathematics.numerics import Matrix, Vector
     from stochvi.mathematics.units import ShownQuantity
-    from stochvi.methods.monte_carlo.missions import MissionPlan, Start
     from stochvi.model.model import Model, Pair
+    from stochvi.motion.missions import MissionPlan, Start
     from stochvi.scenes.scene import Scene
 
 
@@ -204,7 +204,7 @@ class FromSpeed(Hardness):
         return hardest
 
     def missions(self, model: Model, mission: float, start: Start, limit: Limit) -> MissionPlan:
-        from stochvi.methods.monte_carlo.missions import impact_plan
+        from stochvi.motion.missions import impact_plan
 
         speeds = [self.speed_of(model, pair, limit) for pair in model.pairs]
         return impact_plan(model, mission, start, *speeds)
@@ -307,7 +307,7 @@ class PeakAcceleration(Hardness):
         return min(found)
 
     def missions(self, model: Model, mission: float, start: Start, limit: Limit) -> MissionPlan:
-        from stochvi.methods.monte_carlo.missions import acceleration_plan
+        from stochvi.motion.missions import acceleration_plan
 
         return acceleration_plan(model, mission, start, limit.value)
 

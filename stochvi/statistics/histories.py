@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 from stochvi.mathematics.numerics import ROUNDING, Matrix, Vector
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import LENGTH, MILLIRADIANS
-from stochvi.methods.monte_carlo.choose_plan import (
+from stochvi.model.model import Model, Pair
+from stochvi.motion.choose_plan import (
     HistoryPlan,
     ImpactLog,
     logged_impacts,
     plan_histories,
     with_losses,
 )
-from stochvi.methods.monte_carlo.plan import Histories, Plan
-from stochvi.methods.monte_carlo.white import WhitePlan
-from stochvi.model.model import Model, Pair
+from stochvi.motion.plan import Histories, Plan
+from stochvi.motion.white import WhitePlan
 from stochvi.results.base import ROTATIONS, DataFrame, Quantities, Result, frame_of, stacked, stated
 from stochvi.results.errors import MOST_NUMBERS, NotApplicable
 from stochvi.results.estimates import Cost, provenance

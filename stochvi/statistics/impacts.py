@@ -19,7 +19,11 @@ from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import Table, response_moments, squared_gain
 from stochvi.mathematics.units import explain_methods
 from stochvi.mathematics.unsteady_noise import MovingMean
-from stochvi.methods.monte_carlo.choose_plan import (
+from stochvi.methods.monte_carlo import check_threshold
+from stochvi.model.coverage import beyond_one_oscillator, free_motion
+from stochvi.model.modal import linear_law
+from stochvi.model.model import UPPER, Model, Pair, model_of
+from stochvi.motion.choose_plan import (
     FEWEST_PAIRS,
     ImpactLog,
     ImpactPlan,
@@ -27,11 +31,7 @@ from stochvi.methods.monte_carlo.choose_plan import (
     paths_at_both_steps,
     plan_impacts,
 )
-from stochvi.methods.monte_carlo.plan import Plan, collapses, lossiest, refines_near_stops
-from stochvi.methods.monte_carlo.simulation import check_threshold
-from stochvi.model.coverage import beyond_one_oscillator, free_motion
-from stochvi.model.modal import linear_law
-from stochvi.model.model import UPPER, Model, Pair, model_of
+from stochvi.motion.plan import Plan, collapses, lossiest, refines_near_stops
 from stochvi.results.base import (
     DataFrame,
     Named,

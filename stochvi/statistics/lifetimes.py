@@ -15,9 +15,6 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Booleans, Matrix, Vector, Whole
 from stochvi.mathematics.units import TIME
-from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.modal import Aloft, Flight, ModalPlan, plan_modal
-from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.methods.periodic.attracted import (
     PERIODIC,
     Attractors,
@@ -30,6 +27,9 @@ from stochvi.methods.periodic.attracted import (
 from stochvi.methods.periodic.family import States
 from stochvi.model.coverage import not_gaussian
 from stochvi.model.model import model_of
+from stochvi.motion.kernels.random_numbers import seed_streams
+from stochvi.motion.modal import Aloft, Flight, ModalPlan, plan_modal
+from stochvi.motion.modal_tables import plan_modal_tables
 from stochvi.results.base import DataFrame, Result, frame_of, stated
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable

@@ -16,10 +16,10 @@ from scipy.special import ndtr
 
 from stochvi.engine.arithmetic import COLUMNS, Log
 from stochvi.mathematics.numerics import Matrix, Vector
-from stochvi.methods.monte_carlo.choose_plan import with_tables
-from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
-from stochvi.methods.monte_carlo.plan import bias_of_plain_step, bias_of_smooth_motion, lossiest
 from stochvi.model.model import Model, model_of
+from stochvi.motion.choose_plan import with_tables
+from stochvi.motion.modal_tables import ModalTablesPlan, plan_modal_tables
+from stochvi.motion.plan import bias_of_plain_step, bias_of_smooth_motion, lossiest
 from stochvi.results.estimates import (
     Estimate,
     binomial_interval,

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics import numerics
 from stochvi.mathematics.numerics import Matrix, Vector
-from stochvi.methods.monte_carlo.choose_plan import HistoryPlan, check_price, plan_histories
-from stochvi.methods.monte_carlo.plan import Histories, gap_of
 from stochvi.model.model import FunctionOfMotion, Model, Pair
+from stochvi.motion.choose_plan import HistoryPlan, check_price, plan_histories
+from stochvi.motion.plan import Histories, gap_of
 from stochvi.results.base import DataFrame, Result, frame_of, in_angles, in_chosen_units, stacked
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable

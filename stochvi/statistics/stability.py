@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import square_root
 from stochvi.mathematics.units import RATE
-from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.modal import INDEPENDENT, Aloft, Flight, ModalPlan, plan_modal
-from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.model.coverage import functions_of_arrays, linear_system
 from stochvi.model.coverage import growth as growth_of_moments
 from stochvi.model.model import Model, model_of
+from stochvi.motion.kernels.random_numbers import seed_streams
+from stochvi.motion.modal import INDEPENDENT, Aloft, Flight, ModalPlan, plan_modal
+from stochvi.motion.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.results.base import DataFrame, Result, frame_of, quantities_of, stated
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, provenance

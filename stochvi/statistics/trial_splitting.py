@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from stochvi.mathematics.numerics import Matrix, Vector, Waves
 from stochvi.mathematics.spectra import Table, bin_variances
 from stochvi.mathematics.unsteady_noise import FastPeaks, PeakedRecords
-from stochvi.methods.monte_carlo.choose_plan import GapResponse
-from stochvi.methods.monte_carlo.plan import bias_of_smooth_motion
 from stochvi.model.model import Model
+from stochvi.motion.choose_plan import GapResponse
+from stochvi.motion.plan import bias_of_smooth_motion
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.estimates import (

@@ -18,12 +18,11 @@ from stochvi.methods.closed_form import unmet as unmet_by_closed_form
 from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.fokker_planck import unmet as unmet_by_fokker_planck
 from stochvi.methods.linearisation import linearise
-from stochvi.methods.monte_carlo import Prospect, prospect, simulate
-from stochvi.methods.monte_carlo.choose_plan import unmet as unmet_by_simulation
-from stochvi.methods.monte_carlo.modal_tables import seconds_of_plan
-from stochvi.methods.monte_carlo.simulation import LEAST_PILOT_SECONDS
+from stochvi.methods.monte_carlo import LEAST_PILOT_SECONDS, Prospect, prospect, simulate
 from stochvi.model.coverage import NaturalMode, RestingGap, at_rest, natural_modes, scene_notes
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import unmet as unmet_by_simulation
+from stochvi.motion.modal_tables import seconds_of_plan
 from stochvi.results.base import COMMON, DataFrame, Response, Result, frame_of, total_cost, unit_of
 from stochvi.results.deadline import Deadline, Progress, ended_by, graceful_interrupt
 from stochvi.results.errors import Interrupted, NoExactSolution, NotApplicable, NotConverged

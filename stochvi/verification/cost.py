@@ -14,8 +14,10 @@ import numpy as np
 from stochvi.mathematics.numerics import Vector
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
-from stochvi.methods.monte_carlo.choose_plan import check_price, make_plan
-from stochvi.methods.monte_carlo.plan import (
+from stochvi.methods.monte_carlo import FEWEST_PATHS
+from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import check_price, make_plan
+from stochvi.motion.plan import (
     RATES,
     Key,
     Layout,
@@ -26,9 +28,7 @@ from stochvi.methods.monte_carlo.plan import (
     governed,
     of_coordinate,
 )
-from stochvi.methods.monte_carlo.simulation import FEWEST_PATHS
-from stochvi.methods.monte_carlo.white import LARGEST_ANGLE
-from stochvi.model.model import model_of
+from stochvi.motion.white import LARGEST_ANGLE
 from stochvi.results.base import DataFrame, Response, Result, frame_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NoExactSolution, NotApplicable, NotConverged

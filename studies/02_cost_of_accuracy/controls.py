@@ -8,10 +8,10 @@ import pandas as pd
 from cases import CASES, scene
 
 import stochvi as sv
-from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.plan import Means, PathStatistics, of_coordinate, of_pair
 from stochvi.model.modal import linear_law
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
+from stochvi.motion.plan import Means, PathStatistics, of_coordinate, of_pair
 from stochvi.scenes.datasets import shipped_scene, zoo_files
 
 ASKED = (

@@ -10,8 +10,8 @@ import scipy
 
 import stochvi as sv
 from stochvi.mathematics.spectra import Table
-from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
 
 ROWS = ("y", "yy", "ww", "n", "f1", "f2")
 """Averages that every method returns of a path: of the gap y of a pair, of y^2 and of the square of

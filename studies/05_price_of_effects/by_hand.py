@@ -9,7 +9,7 @@ import math
 import numba
 import numpy as np
 
-from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs, seed_streams
+from stochvi.motion.kernels.random_numbers import normal_pairs, seed_streams
 
 LANES = 256
 

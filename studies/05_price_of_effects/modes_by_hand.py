@@ -7,7 +7,7 @@ step reaches a stop are counted; what they would do there is left out, and so ar
 import numba
 import numpy as np
 
-from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
+from stochvi.motion.kernels.random_numbers import normal_pairs
 
 LANES = 256
 

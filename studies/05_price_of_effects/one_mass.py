@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 import stochvi as sv
-from stochvi.methods.monte_carlo.choose_plan import make_plan, plan_several
-from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan, plan_several
+from stochvi.motion.plan import Plan
 
 LAWS = {
     "rigid, R = 0.5": sv.Restitution(coefficient=0.5),

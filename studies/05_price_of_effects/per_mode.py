@@ -13,9 +13,9 @@ import pandas as pd
 from modes_by_hand import bar_by_hand
 
 import stochvi as sv
-from stochvi.methods.monte_carlo.choose_plan import plan_several
-from stochvi.methods.monte_carlo.modal import ModalPlan
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import plan_several
+from stochvi.motion.modal import ModalPlan
 from stochvi.scenes import Bar
 
 PATHS, STEPS = 256, 16000  # paths of a run; its steps, over the number of modes

@@ -14,9 +14,9 @@ from statsmodels.stats.proportion import proportion_confint
 from statsmodels.stats.rates import confint_poisson
 
 import stochvi
-from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.missions import passage_plan, pilot_levels, repetition
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
+from stochvi.motion.missions import passage_plan, pilot_levels, repetition
 
 Vector = NDArray[np.float64]
 MISSION = 20.0 * math.pi

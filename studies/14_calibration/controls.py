@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.plan import PathStatistics, governed
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
+from stochvi.motion.plan import PathStatistics, governed
 from stochvi.scenes.scene import load_scene
 
 HERE = Path(__file__).parent

@@ -8,9 +8,9 @@ from concurrent.futures import Executor, Future
 
 import numpy as np
 
-from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.plan import PathStatistics
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
+from stochvi.motion.plan import PathStatistics
 from stochvi.results.deadline import NEVER
 from stochvi.sampling.workers import SENDING_SECONDS, WorkerPool
 

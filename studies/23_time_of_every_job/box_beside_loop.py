@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 
 import stochvi as sv
-from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
 from stochvi.scenes import shipped_scene
 
 RATE, DURATION, BURN_IN = 2000.0, 16.0, 2.0

@@ -26,9 +26,9 @@ from numba.core.compiler import Flags
 from numba.core.errors import TypingError
 
 import stochvi.engine as engine
-import stochvi.methods.monte_carlo.kernels as monte_carlo_kernels
 import stochvi.methods.periodic.kernels as periodic_kernels
 import stochvi.methods.replay.kernel as replay_kernel
+import stochvi.motion.kernels as motion_kernels
 from stochvi.engine import compiling
 from stochvi.engine.borrowed import borrowed, hold, lent, type_of_borrowed
 from stochvi.engine.calls import apart, call_apart
@@ -451,7 +451,7 @@ def test_values_that_differ_in_type_or_sign_differ_in_digest(value: Any) -> None
 def modules() -> list[ModuleType]:
     """All modules of the package that hold kernels."""
     found = [replay_kernel]
-    for package in (engine, monte_carlo_kernels, periodic_kernels):
+    for package in (engine, motion_kernels, periodic_kernels):
         for each in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
             found.append(importlib.import_module(each.name))
     return found
@@ -571,7 +571,7 @@ def test_no_texts_are_compiled_for_errors_that_kernels_cannot_have(
     command = [sys.executable, "-c", TEXTS, scene]
     done = subprocess.run(command, env=there, capture_output=True, text=True, check=True)
     modules = done.stdout.split()
-    assert any(each.startswith("stochvi.methods.monte_carlo.kernels") for each in modules)
+    assert any(each.startswith("stochvi.motion.kernels") for each in modules)
     assert not [each for each in modules if "unicode" in each]
 
 

@@ -44,8 +44,8 @@ from stochvi.engine.impact_laws import CELLS
 from stochvi.engine.parts import is_rigid, rebound
 from stochvi.engine.sub_steps import CONTACT_ERROR, V1, held_back, loss_of, responses_of, rub
 from stochvi.engine.together import DURATION, TABLE_ERROR
-from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
 from stochvi.scenes import Hertz
 from stochvi.scenes.impact_laws import Law
 from support import naive

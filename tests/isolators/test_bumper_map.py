@@ -42,8 +42,8 @@ from stochvi.isolators.screening import at_clearances, screen
 from stochvi.isolators.sizing.review import WindowSampler, clatter, plan_windows
 from stochvi.isolators.tolerances import changed_stops
 from stochvi.mathematics.units import STANDARD_GRAVITY
-from stochvi.methods.monte_carlo.modal import plan_modal
 from stochvi.model.model import model_of
+from stochvi.motion.modal import plan_modal
 from stochvi.results.deadline import NEVER
 from stochvi.results.estimates import Estimate, binomial_interval
 from stochvi.scenes import Beam

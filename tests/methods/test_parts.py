@@ -63,11 +63,11 @@ from stochvi.mathematics.impact_rates import (
 )
 from stochvi.methods.closed_form import unmet as unmet_by_exact
 from stochvi.methods.fokker_planck import fokker_planck_density
-from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.modal import plan_modal
 from stochvi.methods.periodic import RelayBetweenStops, SwitchedDrive
 from stochvi.methods.replay.march import SampledExcitation, integrate, rest_of
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
+from stochvi.motion.modal import plan_modal
 from stochvi.results.deadline import Deadline, graceful_interrupt, showing, stood_still
 from stochvi.results.errors import Interrupted
 from stochvi.sampling import workers

@@ -27,9 +27,9 @@ from stochvi.isolators import clearance_curve, sensitivity, size
 from stochvi.isolators.sizing.review import clatter
 from stochvi.isolators.sizing.risk_curve import chance_in_windows
 from stochvi.isolators.tolerances import Tolerances
-from stochvi.methods.monte_carlo.choose_plan import ResponseSampler, make_plan
 from stochvi.methods.periodic.attracted import basins
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import ResponseSampler, make_plan
 from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.sampling.calculations import BUDGET, DEFAULTS, SamplingOptions

@@ -40,9 +40,9 @@ from stochvi.isolators.sizing.risk_curve import (
 )
 from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.mathematics.units import STANDARD_GRAVITY
-from stochvi.methods.monte_carlo.choose_plan import make_plan, with_tables
-from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan, with_tables
+from stochvi.motion.modal_tables import plan_modal_tables
 from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Estimate, of_events
 from stochvi.sampling.run import Run

@@ -41,10 +41,10 @@ from stochvi import (
 from stochvi.isolators.screening import at_clearances
 from stochvi.mathematics.spectra import squared_gain
 from stochvi.mathematics.unsteady_noise import Shocks
-from stochvi.methods.monte_carlo.choose_plan import plan_histories
-from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import plan_histories
+from stochvi.motion.modal_tables import plan_modal_tables
 from stochvi.results.deadline import NEVER
 from stochvi.results.estimates import Estimate, jackknife_error
 from stochvi.scenes import Pulses
@@ -1129,7 +1129,7 @@ def test_shocks_in_a_phase_of_a_mission() -> None:
 
 def test_two_masses_whose_gaps_shocks_close() -> None:
     """The pair between two masses, of which a shock strikes one: against histories."""
-    from stochvi.methods.monte_carlo.choose_plan import plan_histories
+    from stochvi.motion.choose_plan import plan_histories
 
     structure = Matrices(
         coordinates=["a", "b"], mass=[[2.0, 0.0], [0.0, 1.0]],

@@ -45,10 +45,10 @@ from stochvi import (
 from stochvi.cli.options import band
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import Table
-from stochvi.methods.monte_carlo.choose_plan import plan_histories
-from stochvi.methods.monte_carlo.kernels.crossings_and_cycles import STACK, count_turn, open_cycles
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import plan_histories
+from stochvi.motion.kernels.crossings_and_cycles import STACK, count_turn, open_cycles
 from stochvi.results.deadline import NEVER
 from stochvi.results.estimates import format_with_error
 from stochvi.sampling.run import Run as Sampling

@@ -13,8 +13,8 @@ import pytest
 
 from stochvi import ConstantLoad, Isolator, Scene, WhiteNoise, reliability, screen, simulate, size
 from stochvi.isolators.tolerances import Tolerances
-from stochvi.methods.monte_carlo.choose_plan import plan_histories
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import plan_histories
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.characteristics import BoucWen, Coulomb, Duffing, SpringTable

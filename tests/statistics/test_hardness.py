@@ -28,9 +28,9 @@ from stochvi import (
     size,
 )
 from stochvi.isolators.sizing.risk_curve import exceedances
-from stochvi.methods.monte_carlo.choose_plan import with_tables
-from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import with_tables
+from stochvi.motion.modal_tables import plan_modal_tables
 from stochvi.statistics.clusters import bursts
 from stochvi.statistics.hardness import Limit
 from stochvi.statistics.rare_hits import (

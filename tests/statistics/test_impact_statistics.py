@@ -23,9 +23,9 @@ from stochvi.mathematics.spectra import Table
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import first_passage, fokker_planck
 from stochvi.methods.monte_carlo import simulate
-from stochvi.methods.monte_carlo.choose_plan import ImpactLog, make_plan, plan_impacts
-from stochvi.methods.monte_carlo.kernels import flight
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import ImpactLog, make_plan, plan_impacts
+from stochvi.motion.kernels import flight
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, mean_and_error, ratio_and_error
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine, TabulatedNoise, WhiteNoise

@@ -38,8 +38,8 @@ from stochvi import (
 )
 from stochvi.isolators import Spread, bumper_map
 from stochvi.mathematics.unsteady_noise import MovingMean, Sines, slopes
-from stochvi.methods.monte_carlo.choose_plan import plan_histories
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import plan_histories
 from stochvi.scenes import Phase, shipped_scene
 from stochvi.statistics import rare_hits
 from stochvi.statistics.crossings import PairMotion, first_crossings

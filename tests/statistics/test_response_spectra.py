@@ -13,8 +13,8 @@ from scipy.signal import csd, welch
 from stochvi.mathematics.spectra import squared_gain
 from stochvi.methods.closed_form import autocorrelation, exact
 from stochvi.methods.linearisation import linearise
-from stochvi.methods.monte_carlo.choose_plan import plan_histories
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import plan_histories
 from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import CONFIDENCE
 from stochvi.sampling import run as sampling_run

@@ -15,8 +15,8 @@ from stochvi.engine.calls import functions_of, stops_of
 from stochvi.engine.compliant_contacts import make_workspace
 from stochvi.engine.sub_steps import responses_of
 from stochvi.engine.together import NOT_KNOWN, Ends, Scene, finish_together
-from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
 from support import CHECKOUT
 from support.mounts import two_stages
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
+from stochvi.motion.kernels.random_numbers import normal_rows, seed_streams
 
 MASK = 2**64 - 1
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from stochvi.engine.arithmetic import ROWS_OF_CONTACT_PAIR, ROWS_OF_PAIR, ROWS_OF_STOP
 from stochvi.engine.together import NOT_KNOWN
-from stochvi.methods.monte_carlo.choose_plan import plan_several
-from stochvi.methods.monte_carlo.kernels.modes import Steps
 from stochvi.model.model import LOWER, UPPER, Pair, Stop, model_of
+from stochvi.motion.choose_plan import plan_several
+from stochvi.motion.kernels.modes import Steps
 from stochvi.scenes.impact_laws import Law
 from support.known import oscillator
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from stochvi.engine.arithmetic import Log
 from stochvi.mathematics.spectra import bin_amplitudes
-from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
-from stochvi.methods.monte_carlo.synthesis import MOST_BLOCKS
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
+from stochvi.motion.modal_tables import ModalTablesPlan
+from stochvi.motion.synthesis import MOST_BLOCKS
 from stochvi.scenes.scene import Scene
 from support.naive import normals
 

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
 from support import CHECKOUT
 from support.known import oscillator
 from support.mounts import COMPANY, bumpered_mount, isolator

@@ -51,10 +51,10 @@ from stochvi import (
     transient,
 )
 from stochvi.cli import main
-from stochvi.methods.monte_carlo.choose_plan import make_plan, plan_several
-from stochvi.methods.monte_carlo.plan import lossiest
 from stochvi.model.coverage import natural_modes
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan, plan_several
+from stochvi.motion.plan import lossiest
 from stochvi.results import Interrupted
 from stochvi.results.base import CoordinateResponse
 from stochvi.results.deadline import Deadline, asked_for
@@ -505,7 +505,7 @@ def test_the_command_without_a_scene_says_what_it_takes(capsys) -> None:
 # ------------------------------------------------------------------------------
 
 
-simulation = importlib.import_module("stochvi.methods.monte_carlo.simulation")
+simulation = importlib.import_module("stochvi.methods.monte_carlo")
 stationary = importlib.import_module("stochvi.methods.fokker_planck.stationary")
 
 

@@ -24,10 +24,10 @@ from stochvi.mathematics.numerics import gauss_panels
 from stochvi.mathematics.units import power_ratio
 from stochvi.methods.fokker_planck.motion import Motion, scaled_motion
 from stochvi.methods.linearisation.one_form import unmet as unmet_by_linearisation
-from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.choose_plan import unmet as unmet_by_simulation
-from stochvi.methods.monte_carlo.plan import GOVERNED, PathStatistics, Plan
 from stochvi.model.model import Model, model_of
+from stochvi.motion.choose_plan import make_plan
+from stochvi.motion.choose_plan import unmet as unmet_by_simulation
+from stochvi.motion.plan import GOVERNED, PathStatistics, Plan
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import SceneError
 from stochvi.results.estimates import Cost

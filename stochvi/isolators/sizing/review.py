@@ -28,10 +28,10 @@ from stochvi.isolators.tolerances import Tolerances
 from stochvi.mathematics.numerics import ROUNDING, Vector
 from stochvi.mathematics.spectra import welch
 from stochvi.methods.monte_carlo import record_path
-from stochvi.methods.monte_carlo.choose_plan import with_tables
-from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import with_tables
+from stochvi.motion.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.results.base import DataFrame, Response, frame_of, plain, stacked
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable, NotConverged

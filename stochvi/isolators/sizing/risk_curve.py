@@ -17,9 +17,9 @@ from stochvi.isolators.screening import at_clearances
 from stochvi.isolators.sizing.answer import Clearance, Target
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.unsteady_noise import MovingMean
-from stochvi.methods.monte_carlo.choose_plan import shaken_by_tables
-from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import shaken_by_tables
+from stochvi.motion.modal_tables import plan_modal_tables
 from stochvi.results.base import DataFrame, frame_of
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import NotApplicable

@@ -20,15 +20,15 @@ from numpy.typing import NDArray
 from stochvi.engine.arithmetic import Log
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import damping_at, transition
-from stochvi.methods.monte_carlo.choose_plan import ImpactLog, logged_impacts
-from stochvi.methods.monte_carlo.modal import rate_of_contact
-from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
-from stochvi.methods.monte_carlo.white import meeting_stops
 from stochvi.methods.replay.kernel import PEAK, SPEED, STOP, TIME
 from stochvi.methods.replay.march import STEPS_AT_ONCE, Motion, SampledExcitation, integrate
 from stochvi.model.modal import LinearLaw
 from stochvi.model.model import Model, Pair, Stop, with_dampers
 from stochvi.model.scales import PairScale, fastest_rate, is_positive, motions_of, with_linear_part
+from stochvi.motion.choose_plan import ImpactLog, logged_impacts
+from stochvi.motion.modal import rate_of_contact
+from stochvi.motion.modal_tables import ModalTablesPlan
+from stochvi.motion.white import meeting_stops
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import MOST_RECORDED, NotConverged
 from stochvi.scenes.impact_laws import CompliantLaw

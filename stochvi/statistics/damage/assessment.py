@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import shown
-from stochvi.methods.monte_carlo.choose_plan import HistoryPlan, check_price, plan_histories
-from stochvi.methods.monte_carlo.kernels.crossings_and_cycles import BEFORE, NODES
 from stochvi.methods.replay.kernel import SPEED, STOP, TIME
 from stochvi.methods.replay.march import Motion, integrate, rest_of
 from stochvi.methods.replay.recorded_motion import (
@@ -28,6 +26,8 @@ from stochvi.methods.replay.recorded_motion import (
 )
 from stochvi.model.coverage import free_motion, modulated, nonlinear, rubbing
 from stochvi.model.model import Model, Pair, Stop, model_of
+from stochvi.motion.choose_plan import HistoryPlan, check_price, plan_histories
+from stochvi.motion.kernels.crossings_and_cycles import BEFORE, NODES
 from stochvi.results.base import ROTATIONS
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged, check_size
 from stochvi.results.estimates import (

@@ -18,14 +18,14 @@ from stochvi.mathematics.numerics import Matrix, Vector, gauss_legendre, gauss_p
 from stochvi.mathematics.spectra import Filter, Force, InputMatrix, eigenvalues, gains
 from stochvi.mathematics.units import ACCELERATION, STANDARD_GRAVITY, density_from_intensity
 from stochvi.mathematics.unsteady_noise import RandomLevel
-from stochvi.methods.monte_carlo.kernels.crossings_and_cycles import (
+from stochvi.model.coverage import free_motion
+from stochvi.model.model import Model
+from stochvi.motion.kernels.crossings_and_cycles import (
     BEFORE,
     LANES,
     equipment_response,
 )
-from stochvi.methods.monte_carlo.kernels.crossings_and_cycles import NODES as KERNEL_NODES
-from stochvi.model.coverage import free_motion
-from stochvi.model.model import Model
+from stochvi.motion.kernels.crossings_and_cycles import NODES as KERNEL_NODES
 from stochvi.results.base import DataFrame, Result, frame_of
 from stochvi.results.estimates import (
     GAUSSIAN_95,

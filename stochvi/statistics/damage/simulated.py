@@ -16,9 +16,9 @@ import scipy
 from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Matrix, Vector
-from stochvi.methods.monte_carlo.choose_plan import HistoryPlan, ImpactLog
-from stochvi.methods.monte_carlo.kernels.crossings_and_cycles import BEFORE, NODES
 from stochvi.model.model import Model
+from stochvi.motion.choose_plan import HistoryPlan, ImpactLog
+from stochvi.motion.kernels.crossings_and_cycles import BEFORE, NODES
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import (

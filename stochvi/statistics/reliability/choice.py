@@ -15,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Matrix
-from stochvi.methods.monte_carlo.choose_plan import HistoryPlan, plan_histories
-from stochvi.methods.monte_carlo.missions import (
+from stochvi.methods.monte_carlo import PILOT_SEED
+from stochvi.model.model import Model, model_of
+from stochvi.motion.choose_plan import HistoryPlan, plan_histories
+from stochvi.motion.missions import (
     PARTICLES,
     SHARE,
     Counted,
@@ -30,8 +32,6 @@ from stochvi.methods.monte_carlo.missions import (
     pilot_levels,
     repetition,
 )
-from stochvi.methods.monte_carlo.simulation import PILOT_SEED
-from stochvi.model.model import Model, model_of
 from stochvi.results.deadline import NEVER, Deadline, partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import (

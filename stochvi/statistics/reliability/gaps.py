@@ -17,10 +17,10 @@ from scipy.special import ndtr
 from stochvi.mathematics.numerics import Matrix, Vector, gauss_legendre
 from stochvi.mathematics.spectra import eigenvalues
 from stochvi.mathematics.unsteady_noise import MovingMean
-from stochvi.methods.monte_carlo.choose_plan import GapResponse, with_tables
-from stochvi.methods.monte_carlo.synthesis import MOST_SAMPLES
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import Model
+from stochvi.motion.choose_plan import GapResponse, with_tables
+from stochvi.motion.synthesis import MOST_SAMPLES
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, spoken_percent
 from stochvi.statistics.crossings import memory_of, own_distances, pressed_pairs

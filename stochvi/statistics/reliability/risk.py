@@ -2,7 +2,7 @@
 acceleration, a passage.
 
 Three ways lead to a probability, and a pilot chooses between them. Crude simulation counts failed
-missions. Splitting (`monte_carlo.missions`) copies the paths that come close, for probabilities
+missions. Splitting (`motion.missions`) copies the paths that come close, for probabilities
 too small to count. First crossings (`first_crossings`) need no mission at all where the motion
 before the first impact is stationary and Gaussian; `clusters` do the same for what follows a first
 impact, and `rare_hits` splits records of any Gaussian noise for fast and sharp impacts, however
@@ -21,15 +21,15 @@ from typing import Unpack
 import numpy as np
 
 from stochvi.mathematics.unsteady_noise import MovingMean
-from stochvi.methods.monte_carlo.missions import (
+from stochvi.model.coverage import beyond_one_oscillator, free_motion, not_gaussian, without_noise
+from stochvi.model.model import Model, model_of
+from stochvi.motion.missions import (
     MissionPlan,
     Start,
     impact_plan,
     passage_plan,
     settling_time,
 )
-from stochvi.model.coverage import beyond_one_oscillator, free_motion, not_gaussian, without_noise
-from stochvi.model.model import Model, model_of
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import TOO_FEW, provenance
 from stochvi.sampling.calculations import calculation

@@ -17,9 +17,9 @@ from stochvi.mathematics.numerics import CANCELLATION, Vector
 from stochvi.mathematics.units import checked, with_checks
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
-from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.model.coverage import compliant, functions, scattered, without_noise
 from stochvi.model.model import Model, Stop, model_of
+from stochvi.motion.choose_plan import make_plan
 from stochvi.results.base import CoordinateResponse, PairResponse, Response
 from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, jackknife_error

@@ -25,8 +25,6 @@ from stochvi import (
     WhiteNoise,
     harmonic_response,
 )
-from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.modal import plan_modal
 from stochvi.methods.periodic import (
     Motor,
     RandomResonance,
@@ -37,6 +35,8 @@ from stochvi.methods.periodic import (
 )
 from stochvi.methods.periodic.sine_response import COLUMNS, Branch, HarmonicResponse
 from stochvi.model.model import model_of
+from stochvi.motion.kernels.random_numbers import seed_streams
+from stochvi.motion.modal import plan_modal
 from stochvi.results.estimates import Estimate
 from stochvi.scenes import Beam, Modes
 from stochvi.scenes.excitations import ConstantLoad, Sine

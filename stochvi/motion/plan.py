@@ -20,9 +20,9 @@ from stochvi.engine.calls import NO_STATISTICS, Statistics, addresses_of
 from stochvi.engine.impact_laws import NotCompiled, compiled_of, contents_of
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
 from stochvi.mathematics.numerics import Matrix, Vector
-from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.model.build_response import power_of_stop
 from stochvi.model.model import Model, Pair, Stop
+from stochvi.motion.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.results.estimates import PathMoments, neighbours
 from stochvi.sampling.calculations import check_flag
 from stochvi.scenes.validation import Checked, Function, _name_of, arguments_fault

@@ -30,11 +30,11 @@ from stochvi import (
 )
 from stochvi.engine.arithmetic import COLUMNS, Log
 from stochvi.methods.monte_carlo import kernels, modal, record_path, simulation
-from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.plan import PathStatistics, of_pair, speed_mean
 from stochvi.model.build_response import residuals
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
+from stochvi.motion.kernels.random_numbers import seed_streams
+from stochvi.motion.plan import PathStatistics, of_pair, speed_mean
 from stochvi.results.errors import CheckpointError
 from stochvi.results.estimates import FEWEST_CLUSTERS
 from stochvi.scenes.excitations import WhiteNoise

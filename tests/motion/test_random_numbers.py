@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from stochvi.methods.monte_carlo.kernels.random_numbers import (
+from stochvi.motion.kernels.random_numbers import (
     log_unit,
     normal_rows,
     seed_streams,

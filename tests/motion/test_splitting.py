@@ -33,9 +33,10 @@ from stochvi.engine.arithmetic import COLUMNS, Log
 from stochvi.engine.impact_laws import CELLS, ScatteredRestitution
 from stochvi.mathematics.impact_rates import BetaDistribution
 from stochvi.methods.fokker_planck import motion as rules
-from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pair, seed_streams
-from stochvi.methods.monte_carlo.missions import (
+from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
+from stochvi.motion.kernels.random_numbers import normal_pair, seed_streams
+from stochvi.motion.missions import (
     HAPPENED,
     RARE_BIAS,
     Fleet,
@@ -51,7 +52,7 @@ from stochvi.methods.monte_carlo.missions import (
     pilot_levels,
     repetition,
 )
-from stochvi.methods.monte_carlo.plan import (
+from stochvi.motion.plan import (
     Layout,
     PathStatistics,
     StepPairs,
@@ -59,7 +60,6 @@ from stochvi.methods.monte_carlo.plan import (
     bias_of_smooth_motion,
     extrapolated,
 )
-from stochvi.model.model import model_of
 from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import Estimate, logarithmic_interval
 from stochvi.scenes.datasets import zoo_files

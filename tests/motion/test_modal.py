@@ -46,18 +46,17 @@ from stochvi.mathematics.spectra import (
     step_covariance,
 )
 from stochvi.mathematics.units import STANDARD_GRAVITY
-from stochvi.methods.monte_carlo import record_path, simulation
-from stochvi.methods.monte_carlo.choose_plan import make_plan, with_tables
-from stochvi.methods.monte_carlo.kernels.modes import matrix_passes
-from stochvi.methods.monte_carlo.kernels.random_numbers import LANES, ROW, aligned_rows, words_of
-from stochvi.methods.monte_carlo.modal import _table, plan_modal
-from stochvi.methods.monte_carlo.plan import PathStatistics, of_coordinate, of_pair
-from stochvi.methods.monte_carlo.simulation import BETWEEN_IMPACTS
-from stochvi.methods.monte_carlo.synthesis import LARGEST_LOSS
+from stochvi.methods.monte_carlo import BETWEEN_IMPACTS, record_path, simulation
 from stochvi.model.build_response import residuals
 from stochvi.model.gap import Gap, GibbsLaw
 from stochvi.model.modal import linear_law
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan, with_tables
+from stochvi.motion.kernels.modes import matrix_passes
+from stochvi.motion.kernels.random_numbers import LANES, ROW, aligned_rows, words_of
+from stochvi.motion.modal import _table, plan_modal
+from stochvi.motion.plan import PathStatistics, of_coordinate, of_pair
+from stochvi.motion.synthesis import LARGEST_LOSS
 from stochvi.scenes import Beam, Modes
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine

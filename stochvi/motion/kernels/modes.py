@@ -48,7 +48,7 @@ from stochvi.engine.together import (
     finish_together,
     make_waiting,
 )
-from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
+from stochvi.motion.kernels.random_numbers import normal_pairs
 
 # ------------------------------------------------------------------------------
 # Products of a sparse matrix and the states of many paths, one loop over the paths a row.

@@ -35,10 +35,10 @@ from stochvi import (
     simulate,
 )
 from stochvi.engine.sub_steps import rub, rub_evenly
-from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.model.build_response import residuals
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
+from stochvi.motion.kernels.random_numbers import seed_streams
 from stochvi.scenes import ConstantLoad, Hertz, RigidBody, Sine
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.structures.rigid_body import Mount

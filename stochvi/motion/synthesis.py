@@ -23,9 +23,9 @@ from stochvi.mathematics.unsteady_noise import (
     RandomLevel,
     UnreachableKurtosis,
 )
-from stochvi.methods.monte_carlo.kernels.modes import fill_modal_spectrum
-from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.model.model import Signal
+from stochvi.motion.kernels.modes import fill_modal_spectrum
+from stochvi.motion.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.excitations.drawn import Pulses
 

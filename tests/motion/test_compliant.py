@@ -16,19 +16,19 @@ from stochvi.engine.arithmetic import ENDED, IMPULSE, LOSS, PEAK, TIME
 from stochvi.engine.sub_steps import CONTACT_ERROR
 from stochvi.methods.closed_form import displacement_density, exact
 from stochvi.methods.linearisation import linearise
-from stochvi.methods.monte_carlo.choose_plan import make_plan, plan_several
-from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.modal import (
+from stochvi.model.build_response import residuals
+from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan, plan_several
+from stochvi.motion.kernels.random_numbers import seed_streams
+from stochvi.motion.modal import (
     ANGLE_OF_ONE_MODE,
     CONTACT_ENERGY,
     CURVE_ENERGY,
     plan_modal,
 )
-from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
-from stochvi.methods.monte_carlo.plan import PathStatistics, Plan
-from stochvi.methods.monte_carlo.white import plan_white
-from stochvi.model.build_response import residuals
-from stochvi.model.model import model_of
+from stochvi.motion.modal_tables import ModalTablesPlan
+from stochvi.motion.plan import PathStatistics, Plan
+from stochvi.motion.white import plan_white
 from stochvi.results.errors import NoExactSolution, NotApplicable, SceneError
 from stochvi.results.estimates import Estimate
 from stochvi.scenes import Hertz

@@ -33,10 +33,10 @@ from stochvi import (
 )
 from stochvi.cli import main
 from stochvi.methods.monte_carlo import choose_plan, simulation
-from stochvi.methods.monte_carlo.choose_plan import averages_in_time, check_price, make_plan
-from stochvi.methods.monte_carlo.plan import RELAXATIONS, Plan
-from stochvi.methods.monte_carlo.white import COLLAPSE_RESTITUTION, WhitePaths, WhitePlan
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import averages_in_time, check_price, make_plan
+from stochvi.motion.plan import RELAXATIONS, Plan
+from stochvi.motion.white import COLLAPSE_RESTITUTION, WhitePaths, WhitePlan
 from stochvi.results import Interrupted
 from stochvi.results.base import Response
 from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt
@@ -529,8 +529,8 @@ def test_another_format_and_missing_keys_are_said(tmp_path: Path) -> None:
     kept = tmp_path / "run"
     simulate(oscillator(), **ASKED, checkpoint=kept)
     text = kept.read_bytes()
-    kept.write_bytes(text.replace(b"checkpoint 9", b"checkpoint 12", 1))
-    with pytest.raises(CheckpointError, match=r"another version of stochvi \(format 12, here 9\)"):
+    kept.write_bytes(text.replace(b"checkpoint 10", b"checkpoint 12", 1))
+    with pytest.raises(CheckpointError, match=r"another version of stochvi \(format 12, here 10\)"):
         simulate(oscillator(), resume=kept)
     whole = json.loads(text.partition(b"\n")[2])
     ((name, entry),) = whole["samples"].items()
@@ -559,14 +559,14 @@ def test_another_format_and_missing_keys_are_said(tmp_path: Path) -> None:
         ),
     ):
         body = json.dumps(document).encode()
-        header = f"stochvi checkpoint 9 {hashlib.sha256(body).hexdigest()}\n".encode()
+        header = f"stochvi checkpoint 10 {hashlib.sha256(body).hexdigest()}\n".encode()
         kept.write_bytes(header + body)
         with pytest.raises(CheckpointError, match="does not hold what a checkpoint"):
             simulate(oscillator(), resume=kept)
     nested = b'{"scene": ' + b"[" * 100_000 + b"]" * 100_000 + b"}"
     for body in (nested, b"{", b"\xff", text.partition(b"\n")[2].replace(b"0.", b"NaN, 0.", 1)):
         digest = hashlib.sha256(body).hexdigest()
-        kept.write_bytes(f"stochvi checkpoint 9 {digest}\n".encode() + body)
+        kept.write_bytes(f"stochvi checkpoint 10 {digest}\n".encode() + body)
         with pytest.raises(CheckpointError, match="does not hold what a checkpoint"):
             simulate(oscillator(), resume=kept)
 
@@ -624,9 +624,7 @@ def test_control_c_while_the_code_is_compiled(
     (tmp_path / "scene.toml").write_text(SCENE)
     kept = tmp_path / "run"
     # the package's `simulate` is the function
-    monkeypatch.setattr(
-        sys.modules["stochvi.methods.monte_carlo.simulation"], "compiled", interrupts
-    )
+    monkeypatch.setattr(sys.modules["stochvi.methods.monte_carlo"], "compiled", interrupts)
     with pytest.raises(Interrupted, match="before any path") as stopped:
         simulate(oscillator(), **ASKED)
     assert stopped.value.partial is None

@@ -36,12 +36,12 @@ from stochvi import (
     spectrum,
     transient,
 )
-from stochvi.methods.monte_carlo.choose_plan import make_plan, plan_several
-from stochvi.methods.monte_carlo.modal import plan_modal
-from stochvi.methods.monte_carlo.white import longest_at_stops
 from stochvi.methods.periodic import StructureResonance
 from stochvi.model.model import model_of
 from stochvi.model.scales import Motion, form_of, with_forms, with_linear_part
+from stochvi.motion.choose_plan import make_plan, plan_several
+from stochvi.motion.modal import plan_modal
+from stochvi.motion.white import longest_at_stops
 from stochvi.scenes import Coulomb, Duffing, FilteredNoise, Sine
 from stochvi.scenes.excitations import ConstantLoad, Excitation
 from stochvi.scenes.structures.rigid_body import Mount, RigidBody

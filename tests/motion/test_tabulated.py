@@ -42,11 +42,11 @@ from stochvi.mathematics.spectra import (
 )
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.methods.monte_carlo import record_path, simulation
-from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
-from stochvi.methods.monte_carlo.plan import PathStatistics, bias_of_lasting_contact
-from stochvi.methods.monte_carlo.synthesis import BIN_ERROR, FOLD_FROM, LARGEST_LOSS
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
+from stochvi.motion.modal_tables import ModalTablesPlan
+from stochvi.motion.plan import PathStatistics, bias_of_lasting_contact
+from stochvi.motion.synthesis import BIN_ERROR, FOLD_FROM, LARGEST_LOSS
 from stochvi.scenes import Modulation
 from stochvi.scenes.datasets import profiles
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine

@@ -28,7 +28,20 @@ from stochvi.engine.together import FASTEST, NOT_KNOWN, Known, known_contacts
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import square_root, step_covariance, transition
-from stochvi.methods.monte_carlo.kernels.modes import (
+from stochvi.model.coverage import Settling, slowest_of, without_noise
+from stochvi.model.modal import LinearLaw, ModalForm, linear_law
+from stochvi.model.model import UPPER, Model, Pair, Stop, not_stationary
+from stochvi.model.scales import (
+    Motion,
+    PairScale,
+    Scales,
+    default_threshold,
+    form_of,
+    motions_of,
+    scales_of,
+    speed_of_stop,
+)
+from stochvi.motion.kernels.modes import (
     Kicks,
     Largest,
     ModalPaths,
@@ -42,8 +55,8 @@ from stochvi.methods.monte_carlo.kernels.modes import (
     make_room,
     run_modes,
 )
-from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
-from stochvi.methods.monte_carlo.plan import (
+from stochvi.motion.kernels.random_numbers import normal_rows, seed_streams
+from stochvi.motion.plan import (
     RELAXATIONS,
     SUMS_OF_PAIR,
     Histories,
@@ -67,8 +80,8 @@ from stochvi.methods.monte_carlo.plan import (
     statistics_of,
     streams_of,
 )
-from stochvi.methods.monte_carlo.synthesis import MOST_SUB_STEPS
-from stochvi.methods.monte_carlo.white import (
+from stochvi.motion.synthesis import MOST_SUB_STEPS
+from stochvi.motion.white import (
     BOUNCE_PER_STEP,
     COARSE_SHARE,
     DURATION,
@@ -81,19 +94,6 @@ from stochvi.methods.monte_carlo.white import (
     block_of,
     longest_at_stops,
     longest_between_stops,
-)
-from stochvi.model.coverage import Settling, slowest_of, without_noise
-from stochvi.model.modal import LinearLaw, ModalForm, linear_law
-from stochvi.model.model import UPPER, Model, Pair, Stop, not_stationary
-from stochvi.model.scales import (
-    Motion,
-    PairScale,
-    Scales,
-    default_threshold,
-    form_of,
-    motions_of,
-    scales_of,
-    speed_of_stop,
 )
 from stochvi.results.errors import NotApplicable
 from stochvi.sampling.calculations import check_flag, stop_flag

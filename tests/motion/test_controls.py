@@ -22,8 +22,10 @@ from stochvi import (
     load_scene,
     simulate,
 )
-from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.plan import (
+from stochvi.methods.monte_carlo import relative_standard_errors
+from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
+from stochvi.motion.plan import (
     Layout,
     Means,
     PathStatistics,
@@ -32,8 +34,6 @@ from stochvi.methods.monte_carlo.plan import (
     of_coordinate,
     of_pair,
 )
-from stochvi.methods.monte_carlo.simulation import relative_standard_errors
-from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.sampling.checkpoints import Checkpoint
 from stochvi.scenes.datasets import shipped_scene, zoo_files

@@ -17,15 +17,15 @@ import pytest
 
 from stochvi import NotConverged, impacts, load_scene, simulate
 from stochvi.methods.monte_carlo import choose_plan
-from stochvi.methods.monte_carlo.choose_plan import averages_in_time, make_plan
-from stochvi.methods.monte_carlo.missions import (
+from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import averages_in_time, make_plan
+from stochvi.motion.missions import (
     MissionPlan,
     crude,
     passage_plan,
     pilot_levels,
     repetition,
 )
-from stochvi.model.model import model_of
 from stochvi.results import Interrupted
 from stochvi.results.deadline import Deadline
 from stochvi.sampling import calculations

@@ -22,8 +22,12 @@ from stochvi.mathematics.spectra import (
     eigenvalues,
     square_root,
 )
-from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.modal import (
+from stochvi.model.coverage import Settling, slowest_of
+from stochvi.model.modal import UNSTABLE, ModalForm
+from stochvi.model.model import UPPER, Model, Pair
+from stochvi.model.scales import Scales, scales_of
+from stochvi.motion.kernels.random_numbers import seed_streams
+from stochvi.motion.modal import (
     INDEPENDENT,
     ModalPlan,
     Which,
@@ -33,8 +37,8 @@ from stochvi.methods.monte_carlo.modal import (
     check_stiffness,
     rate_of_contact,
 )
-from stochvi.methods.monte_carlo.plan import Key, gap_of
-from stochvi.methods.monte_carlo.synthesis import (
+from stochvi.motion.plan import Key, gap_of
+from stochvi.motion.synthesis import (
     BIN_ERROR,
     BLOCK_RELAXATIONS,
     GAP_PER_SAMPLE,
@@ -54,10 +58,6 @@ from stochvi.methods.monte_carlo.synthesis import (
     rate_on_stops,
     synthesised,
 )
-from stochvi.model.coverage import Settling, slowest_of
-from stochvi.model.modal import UNSTABLE, ModalForm
-from stochvi.model.model import UPPER, Model, Pair
-from stochvi.model.scales import Scales, scales_of
 from stochvi.results.errors import NotApplicable
 
 # ------------------------------------------------------------------------------

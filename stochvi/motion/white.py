@@ -17,39 +17,6 @@ from stochvi.engine.arithmetic import NO_LOG, NO_RECORD, Log
 from stochvi.engine.impact_laws import ScatteredRestitution
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, TruncatedNormal, gaussian_stop
 from stochvi.mathematics.numerics import Vector, root_between
-from stochvi.methods.monte_carlo.kernels.flight import (
-    CORNER_SHARE,
-    N_LOWER,
-    SUMS,
-    VV,
-    Corner,
-    Counting,
-    Flow,
-    Kick,
-    Paths,
-    RigidStop,
-    ScatteredStop,
-    run_white,
-)
-from stochvi.methods.monte_carlo.kernels.random_numbers import (
-    normal_pairs,
-)
-from stochvi.methods.monte_carlo.plan import (
-    RELAXATIONS,
-    SUMS_OF_PAIR,
-    WELL_RESOLVED_RESTITUTION,
-    Histories,
-    Layout,
-    Plan,
-    Records,
-    Underway,
-    bias_of_plain_step,
-    bias_of_refined_step,
-    losses_of,
-    lossiest,
-    normals_of_steps,
-    streams_of,
-)
 from stochvi.model.coverage import compliant
 from stochvi.model.modal import LinearLaw
 from stochvi.model.model import FunctionOfMotion, Model, Pair, Stop
@@ -64,6 +31,39 @@ from stochvi.model.scales import (
     motions_of,
     scales_of,
     with_affine,
+)
+from stochvi.motion.kernels.flight import (
+    CORNER_SHARE,
+    N_LOWER,
+    SUMS,
+    VV,
+    Corner,
+    Counting,
+    Flow,
+    Kick,
+    Paths,
+    RigidStop,
+    ScatteredStop,
+    run_white,
+)
+from stochvi.motion.kernels.random_numbers import (
+    normal_pairs,
+)
+from stochvi.motion.plan import (
+    RELAXATIONS,
+    SUMS_OF_PAIR,
+    WELL_RESOLVED_RESTITUTION,
+    Histories,
+    Layout,
+    Plan,
+    Records,
+    Underway,
+    bias_of_plain_step,
+    bias_of_refined_step,
+    losses_of,
+    lossiest,
+    normals_of_steps,
+    streams_of,
 )
 from stochvi.results.errors import NotApplicable
 from stochvi.sampling.calculations import stop_flag

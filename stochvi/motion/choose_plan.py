@@ -29,40 +29,6 @@ from stochvi.mathematics.spectra import (
     gains,
 )
 from stochvi.mathematics.units import density_from_intensity
-from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE
-from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
-from stochvi.methods.monte_carlo.modal_tables import (
-    _block_length,
-    plan_modal_tables,
-    seconds_of_plan,
-    streams_of_block,
-)
-from stochvi.methods.monte_carlo.plan import (
-    RELAXATIONS,
-    Histories,
-    PathStatistics,
-    Plan,
-    Statistic,
-    StepPairs,
-    Underway,
-    check_statistics,
-    losses_of,
-)
-from stochvi.methods.monte_carlo.synthesis import (
-    BLOCK_RELAXATIONS,
-    BLOCK_SAMPLES,
-    LARGEST_BLOCK,
-    LARGEST_LOSS,
-    LOWEST_FREQUENCY,
-    MOST_SAMPLES,
-    SAMPLES_PER_PERIOD,
-    WHITE_LOSS,
-    _even_fast_length,
-    _filtered,
-    folded,
-    synthesised,
-)
-from stochvi.methods.monte_carlo.white import plan_white, with_linear_part_at_stops
 from stochvi.model.coverage import (
     beyond_one_oscillator,
     free_motion,
@@ -76,6 +42,40 @@ from stochvi.model.coverage import (
 from stochvi.model.modal import ModalForm
 from stochvi.model.model import UPPER, Model, Pair, model_of, with_dampers
 from stochvi.model.scales import default_thresholds, with_linear_part
+from stochvi.motion.kernels.flight import CORNER_SHARE
+from stochvi.motion.modal import ModalPlan, plan_modal
+from stochvi.motion.modal_tables import (
+    _block_length,
+    plan_modal_tables,
+    seconds_of_plan,
+    streams_of_block,
+)
+from stochvi.motion.plan import (
+    RELAXATIONS,
+    Histories,
+    PathStatistics,
+    Plan,
+    Statistic,
+    StepPairs,
+    Underway,
+    check_statistics,
+    losses_of,
+)
+from stochvi.motion.synthesis import (
+    BLOCK_RELAXATIONS,
+    BLOCK_SAMPLES,
+    LARGEST_BLOCK,
+    LARGEST_LOSS,
+    LOWEST_FREQUENCY,
+    MOST_SAMPLES,
+    SAMPLES_PER_PERIOD,
+    WHITE_LOSS,
+    _even_fast_length,
+    _filtered,
+    folded,
+    synthesised,
+)
+from stochvi.motion.white import plan_white, with_linear_part_at_stops
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.files import thread_seconds

@@ -13,11 +13,11 @@ import scipy
 from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Matrix, Vector
-from stochvi.methods.monte_carlo.choose_plan import plan_several
-from stochvi.methods.monte_carlo.modal import ModalPlan
-from stochvi.methods.monte_carlo.plan import RELAXATIONS, streams_of
-from stochvi.methods.monte_carlo.white import MOST_STEPS
 from stochvi.model.model import LOWER, UPPER, Model, Pair, Stop
+from stochvi.motion.choose_plan import plan_several
+from stochvi.motion.modal import ModalPlan
+from stochvi.motion.plan import RELAXATIONS, streams_of
+from stochvi.motion.white import MOST_STEPS
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import binomial_interval, logarithmic_interval, mean_and_error

@@ -38,11 +38,11 @@ from stochvi import (
     spectrum,
 )
 from stochvi.isolators import bumper_map
-from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.modal_tables import streams_of_block
-from stochvi.methods.monte_carlo.synthesis import MOST_BLOCKS
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
+from stochvi.motion.kernels.random_numbers import seed_streams
+from stochvi.motion.modal_tables import streams_of_block
+from stochvi.motion.synthesis import MOST_BLOCKS
 from stochvi.scenes import Modulation, Sine
 from stochvi.testing import assert_agrees
 from support.modulated import S0, mean_squares

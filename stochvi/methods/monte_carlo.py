@@ -1,5 +1,6 @@
-"""`simulate`. Chapters: a simulation, when its paths are enough, and its response; the calculation,
-the prediction of its cost, and single recorded paths."""
+"""Monte Carlo of vibro-impact scenes: many paths at once, impacts inside the step. Chapters: a
+simulation, when its paths are enough, and its response; the calculation, the prediction of its
+cost, and single recorded paths."""
 
 from __future__ import annotations
 
@@ -14,7 +15,10 @@ from typing import Unpack
 import numpy as np
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, more_than_counted
-from stochvi.methods.monte_carlo.choose_plan import (
+from stochvi.model.build_response import NO_MEAN_SPEED, build_response, residuals
+from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.model import Model, Pair, model_of
+from stochvi.motion.choose_plan import (
     PathsOf,
     ResponseSampler,
     check_price,
@@ -22,8 +26,8 @@ from stochvi.methods.monte_carlo.choose_plan import (
     plan_several,
     seconds_of_first_paths,
 )
-from stochvi.methods.monte_carlo.modal import ModalPlan
-from stochvi.methods.monte_carlo.plan import (
+from stochvi.motion.modal import ModalPlan
+from stochvi.motion.plan import (
     EVENTS,
     FEW_SLOW,
     RATES,
@@ -50,9 +54,6 @@ from stochvi.methods.monte_carlo.plan import (
     share_below,
     speed_mean,
 )
-from stochvi.model.build_response import NO_MEAN_SPEED, build_response, residuals
-from stochvi.model.coverage import beyond_one_oscillator
-from stochvi.model.model import Model, Pair, model_of
 from stochvi.results.base import CoordinateResponse, DataFrame, PairResponse, Response, frame_of
 from stochvi.results.deadline import Deadline, Overdue, Progress, stood_still
 from stochvi.results.errors import MOST_RECORDED, Interrupted, NotConverged, check_size
@@ -1359,3 +1360,14 @@ def compiled(plan: Plan) -> float:
     start = time.perf_counter()
     plan.shortest().averages(0, 0, 2)
     return time.perf_counter() - start
+
+
+__all__ = [
+    "Prospect",
+    "SamplingOptions",
+    "Statistic",
+    "prospect",
+    "record_path",
+    "record_paths",
+    "simulate",
+]

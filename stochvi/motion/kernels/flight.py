@@ -20,7 +20,7 @@ from stochvi.engine.arithmetic import (
 from stochvi.engine.compiling import kernel
 from stochvi.engine.impact_laws import ScatteredRestitution
 from stochvi.engine.parts import generic, rebound
-from stochvi.methods.monte_carlo.kernels.random_numbers import (
+from stochvi.motion.kernels.random_numbers import (
     LANES,
     aligned_rows,
     normal_pair,

@@ -46,9 +46,9 @@ from stochvi import (
 )
 from stochvi.mathematics.numerics import gauss_panels
 from stochvi.mathematics.unsteady_noise import SHAPES, PulseShape
-from stochvi.methods.monte_carlo.choose_plan import make_plan, plan_histories
-from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan, plan_histories
+from stochvi.motion.kernels.random_numbers import seed_streams
 from stochvi.scenes import CrossDensity, DriveFunction, Modulation, Pulses, RecordedNoise
 from stochvi.testing import assert_agrees
 from support import naive

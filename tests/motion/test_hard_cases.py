@@ -16,11 +16,11 @@ from stochvi import NotApplicable, Response, Scene, SceneError, exact, simulate
 from stochvi.engine.arithmetic import NO_LOG, NO_RECORD
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
 from stochvi.methods.monte_carlo import record_path
-from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.kernels.flight import SUMS, Counting, Kick, Paths, run_white
-from stochvi.methods.monte_carlo.modal import ModalPlan
-from stochvi.methods.monte_carlo.white import ENOUGH_STEPS, WhitePlan, _flow
 from stochvi.model.model import model_of
+from stochvi.motion.choose_plan import make_plan
+from stochvi.motion.kernels.flight import SUMS, Counting, Kick, Paths, run_white
+from stochvi.motion.modal import ModalPlan
+from stochvi.motion.white import ENOUGH_STEPS, WhitePlan, _flow
 from stochvi.results.estimates import upper_limit_unseen
 from stochvi.sampling.calculations import stop_flag
 from stochvi.testing import assert_agrees

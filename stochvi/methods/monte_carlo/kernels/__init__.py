@@ -1,1 +1,0 @@
-"""The compiled code of the Monte Carlo: numbers and arrays in, numbers and arrays out."""

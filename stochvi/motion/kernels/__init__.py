@@ -1,0 +1,1 @@
+"""The compiled code of motions: numbers and arrays in, numbers and arrays out."""
