@@ -32,8 +32,9 @@ from stochvi import (
     simulate,
 )
 from stochvi.cli import main
-from stochvi.methods.monte_carlo import choose_plan, simulation
+from stochvi.methods import monte_carlo
 from stochvi.model.model import model_of
+from stochvi.motion import choose_plan
 from stochvi.motion.choose_plan import averages_in_time, check_price, make_plan
 from stochvi.motion.plan import RELAXATIONS, Plan
 from stochvi.motion.white import COLLAPSE_RESTITUTION, WhitePaths, WhitePlan
@@ -275,17 +276,17 @@ def test_paths_are_not_begun_after_ctrl_c() -> None:
 
 def test_ctrl_c_in_the_pilot_keeps_its_paths(monkeypatch: pytest.MonkeyPatch) -> None:
     """They are the answer so far, with the seed that was asked for, and agree with a whole run."""
-    add_paths = simulation.Simulation.add_paths
+    add_paths = monte_carlo.Simulation.add_paths
 
-    def pressed(self: simulation.Simulation, *asked: Any, **more: Any) -> bool:
+    def pressed(self: monte_carlo.Simulation, *asked: Any, **more: Any) -> bool:
         found = add_paths(self, *asked, **more)
-        if self.seed == simulation.PILOT_SEED:
+        if self.seed == monte_carlo.PILOT_SEED:
             signal.raise_signal(signal.SIGINT)
         return found
 
     scene = oscillator_of_known(-1.0, 1.0, 0.5)
     with monkeypatch.context() as patched:
-        patched.setattr(simulation.Simulation, "add_paths", pressed)
+        patched.setattr(monte_carlo.Simulation, "add_paths", pressed)
         with graceful_interrupt(), pytest.raises(Interrupted, match="paths of the pilot") as stop:
             simulate(scene, rel_error=0.05, seed=5, threads=1, budget=1e5)
     so_far = stop.value.partial
@@ -305,12 +306,12 @@ def test_progress_does_not_go_back_where_the_step_is_halved(
 ) -> None:
     """The step is chosen before the first path of the answer."""
 
-    def biased(run: simulation.Simulation, errors: float) -> float:
+    def biased(run: monte_carlo.Simulation, errors: float) -> float:
         return 1.0 if run.plan.step > halved else 0.0
 
     scene, fractions = oscillator_of_known(-1.0, 1.0, 0.5), list[float]()
     halved = 0.6 * make_plan(model_of(scene)).step
-    monkeypatch.setattr(simulation, "largest_bias", biased)
+    monkeypatch.setattr(monte_carlo, "largest_bias", biased)
     monkeypatch.setattr(sampling_run, "REPORT_SECONDS", 0.0)
     found = simulate(
         scene, rel_error=0.002, threads=1, progress=lambda done, _: fractions.append(done)
@@ -326,13 +327,13 @@ def test_the_seed_does_not_decide_the_scheme() -> None:
     plan = make_plan(model_of(scene))
     with pool_of(None, 1) as pool:
         run = Run(pool, NEVER)
-        runs = [simulation.Simulation(scene, plan, run, 0.0, seed) for seed in seeds]
+        runs = [monte_carlo.Simulation(scene, plan, run, 0.0, seed) for seed in seeds]
         own = set()
         for each in runs:
-            simulation.choose_step(each, asked)
-            again = simulation.Simulation(scene, plan, run, 0.0, each.seed)
+            monte_carlo.choose_step(each, asked)
+            again = monte_carlo.Simulation(scene, plan, run, 0.0, each.seed)
             again.add_paths(1024)
-            own.add(simulation.largest_bias(again, 1.0) > asked)
+            own.add(monte_carlo.largest_bias(again, 1.0) > asked)
     assert len({each.plan for each in runs}) == 1 and runs[0].plan.slow_impacts
     assert own == {False, True}  # negative control: by its own paths each run was lucky or not
 
@@ -340,13 +341,13 @@ def test_the_seed_does_not_decide_the_scheme() -> None:
 def test_the_choice_of_the_step_has_a_quarter_of_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """It used to have all of it: the answer then rested on what was under way at its end."""
     ends: dict[bool, float] = {}
-    add_paths = simulation.Simulation.add_paths
+    add_paths = monte_carlo.Simulation.add_paths
 
-    def noted(self: simulation.Simulation, *asked: Any, **more: Any) -> bool:
-        ends.setdefault(self.seed == simulation.PILOT_SEED, self.run.deadline.due)
+    def noted(self: monte_carlo.Simulation, *asked: Any, **more: Any) -> bool:
+        ends.setdefault(self.seed == monte_carlo.PILOT_SEED, self.run.deadline.due)
         return add_paths(self, *asked, **more)
 
-    monkeypatch.setattr(simulation.Simulation, "add_paths", noted)
+    monkeypatch.setattr(monte_carlo.Simulation, "add_paths", noted)
     began = Deadline.after(1e5)
     simulate(oscillator_of_known(-1.0, 1.0, 0.5), rel_error=0.2, budget=1e5)
     pilot, run = ends[True], ends[False]

@@ -27,7 +27,8 @@ from hypothesis import strategies as st
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from stochvi.cli import main, program
-from stochvi.methods.monte_carlo import simulate, white
+from stochvi.methods.monte_carlo import simulate
+from stochvi.motion import white
 from stochvi.results.base import Response
 from stochvi.results.errors import CheckpointError, Interrupted, NotConverged
 from stochvi.sampling import run as sampling_run

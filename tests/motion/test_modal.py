@@ -46,7 +46,8 @@ from stochvi.mathematics.spectra import (
     step_covariance,
 )
 from stochvi.mathematics.units import STANDARD_GRAVITY
-from stochvi.methods.monte_carlo import BETWEEN_IMPACTS, record_path, simulation
+from stochvi.methods import monte_carlo
+from stochvi.methods.monte_carlo import BETWEEN_IMPACTS, record_path
 from stochvi.model.build_response import residuals
 from stochvi.model.gap import Gap, GibbsLaw
 from stochvi.model.modal import linear_law
@@ -834,7 +835,7 @@ def test_what_comes_with_a_table_is_a_state(more: object, monkeypatch) -> None:
     """It is kicked, or a state; beside it, it is synthesised as a table of its own."""
     scene = mount(Restitution(coefficient=0.7), False, (more,))
     ours = simulate(scene, paths=96, duration=20.0, seed=6)
-    monkeypatch.setattr(simulation, "model_of", lambda each: with_tables(model_of(each)))
+    monkeypatch.setattr(monte_carlo, "model_of", lambda each: with_tables(model_of(each)))
     twin = simulate(scene, paths=96, duration=20.0, seed=5).estimates()
     for key, estimate in ours.estimates().items():
         if key in twin and estimate.bias is not None and twin[key].bias is not None:
@@ -1083,7 +1084,7 @@ def test_no_accuracy_waits_for_a_coordinate_at_rest(sideways: float) -> None:
     plan = make_plan(model_of(box_on_its_stop(sideways)), 0.01, 2.0)
     found = PathStatistics.of(plan.averages(3, 0, 8), plan.layout)
     run: Any = SimpleNamespace(fine=found, model=plan.model)
-    waited = {owner for owner, _ in simulation.relative_standard_errors(run)}
+    waited = {owner for owner, _ in monte_carlo.relative_standard_errors(run)}
     assert waited == {"z", "stop"} | ({"x", "ry"} if sideways else set())
     assert found.means()["y", "vv"] > 0.0  # by rounding
 

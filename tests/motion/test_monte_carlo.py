@@ -29,9 +29,11 @@ from stochvi import (
     simulate,
 )
 from stochvi.engine.arithmetic import COLUMNS, Log
-from stochvi.methods.monte_carlo import kernels, modal, record_path, simulation
+from stochvi.methods import monte_carlo
+from stochvi.methods.monte_carlo import record_path
 from stochvi.model.build_response import residuals
 from stochvi.model.model import model_of
+from stochvi.motion import kernels, modal
 from stochvi.motion.choose_plan import make_plan
 from stochvi.motion.kernels.random_numbers import seed_streams
 from stochvi.motion.plan import PathStatistics, of_pair, speed_mean
@@ -394,17 +396,17 @@ def test_a_budget_too_small_is_refused_with_what_was_reached() -> None:
 
 def test_errors_that_are_small_by_chance_are_not_believed_of_two_paths(monkeypatch) -> None:
     """Two paths that happen to agree have no error, and any accuracy would count as reached."""
-    monkeypatch.setattr(simulation, "relative_standard_errors", lambda run: {("x", "std"): 0.0})
-    monkeypatch.setattr(simulation, "largest_bias", lambda run, errors: 0.0)
+    monkeypatch.setattr(monte_carlo, "relative_standard_errors", lambda run: {("x", "std"): 0.0})
+    monkeypatch.setattr(monte_carlo, "largest_bias", lambda run, errors: 0.0)
     scene = oscillator_of_known(-1.0, 1.0, 0.8)
     assert simulate(scene, rel_error=0.01, budget=None).cost.paths >= 64
-    add_paths = simulation.Simulation.add_paths
+    add_paths = monte_carlo.Simulation.add_paths
 
-    def two_paths(run: simulation.Simulation, *_: object) -> bool:
+    def two_paths(run: monte_carlo.Simulation, *_: object) -> bool:
         add_paths(run, 2)
         return False
 
-    monkeypatch.setattr(simulation.Simulation, "add_paths", two_paths)
+    monkeypatch.setattr(monte_carlo.Simulation, "add_paths", two_paths)
     with pytest.raises(NotConverged, match="after 2 paths, too few"):
         simulate(scene, rel_error=0.01, budget=0.5)
 

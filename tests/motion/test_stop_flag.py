@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from stochvi import NotConverged, impacts, load_scene, simulate
-from stochvi.methods.monte_carlo import choose_plan
 from stochvi.model.model import model_of
+from stochvi.motion import choose_plan
 from stochvi.motion.choose_plan import averages_in_time, make_plan
 from stochvi.motion.missions import (
     MissionPlan,

@@ -41,7 +41,8 @@ from stochvi.mathematics.spectra import (
     squared_gain,
 )
 from stochvi.mathematics.units import STANDARD_GRAVITY
-from stochvi.methods.monte_carlo import record_path, simulation
+from stochvi.methods import monte_carlo
+from stochvi.methods.monte_carlo import record_path
 from stochvi.model.model import model_of
 from stochvi.motion.choose_plan import make_plan
 from stochvi.motion.modal_tables import ModalTablesPlan
@@ -436,7 +437,7 @@ def test_a_balance_that_is_missed_is_told(monkeypatch) -> None:
     assert abs(found.identities["force"].value) < 0.01
     assert found.impact_pairs["stops"].impact_speed_mean is None
     assert any("no mean impact speed" in each for each in found.warnings)
-    monkeypatch.setattr(simulation, "residuals", lambda *_: {"force": 0.5})
+    monkeypatch.setattr(monte_carlo, "residuals", lambda *_: {"force": 0.5})
     found = simulate(resting, paths=8, duration=4.0, seed=1)
     assert any("the balance of force is missed by 0.5" in each for each in found.warnings)
 
