@@ -650,7 +650,7 @@ def _answer(search: Search, noise: RecordedNoise) -> FoundShocks:
     peaks, expected = peaks_beyond(search)
     times, windows = record.times, [search.window(each) for each in search.events]
     return FoundShocks(
-        record=Path(noise.file).name, unit=unit, duration=record.duration,
+        record=noise.record_name, unit=unit, duration=record.duration,
         shocks=[
             FoundShock(
                 start=float(times[window][0]), duration=len(times[window]) / record.fs,

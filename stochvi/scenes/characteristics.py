@@ -16,6 +16,7 @@ from pydantic import BeforeValidator, Field, PrivateAttr, field_serializer, mode
 
 from stochvi.mathematics.numerics import Vector, Waves, gauss_panels
 from stochvi.results.errors import SceneError
+from stochvi.scenes.frames import Values
 from stochvi.scenes.impact_laws.compliant import check_columns, with_columns
 from stochvi.scenes.relaxation import with_branches_of_file
 from stochvi.scenes.validation import (
@@ -676,10 +677,10 @@ class RelaxationSpring(SpringForce):
         Static stiffness, N/m, which adds to that of the structure.
     branches
         Stiffness k_i, N/m, and relaxation time tau_i, s, of each branch.
-    file
-        Instead of the two: a file of the columns frequency_hz, dynamic_stiffness and loss_factor.
-        The dynamic stiffness, N/m, is the size of the complex one. Branches follow it by
-        non-negative least squares.
+    file, values
+        Instead of the two: a file of the columns frequency_hz, dynamic_stiffness and loss_factor,
+        or in Python a frame of them. The dynamic stiffness, N/m, is the size of the complex one.
+        Branches follow it by non-negative least squares.
     error
         Relative error of the dynamic stiffness, which the stated bias of answers contains; with a
         file the error to which it is followed, by default 0.01.
@@ -706,6 +707,7 @@ class RelaxationSpring(SpringForce):
     stiffness: NonNegative
     branches: Matrix = ()
     file: str | None = None
+    values: Values | None = None
     error: Tolerance = 0.0
     source: str | None = None
 
@@ -1018,9 +1020,10 @@ class SpringTable(SpringForce):
         Displacements of the spring, rising, m.
     force
         Never falling, N, and rising in the first and the last piece.
-    file, unit
-        Instead of the two: a file of two columns, and their units, "m,N" or "mm,N". The units may
-        also stand in the headings of the columns, in any spelling.
+    file, values, unit
+        Instead of the two: a file of two columns, or in Python a Series, frame or array of them,
+        and their units, "m,N" or "mm,N". The units may also stand in the headings of the columns,
+        in any spelling.
     source
         Where the numbers come from; by default the name of the file from which they were read.
     on, between, axis
@@ -1045,6 +1048,7 @@ class SpringTable(SpringForce):
     deflection: Numbers
     force: Numbers
     file: str | None = None
+    values: Values | None = None
     unit: Literal["m,N", "mm,N"] | None = None
     source: str | None = None
 

@@ -28,6 +28,7 @@ from stochvi.results.deadline import in_command
 from stochvi.results.errors import SceneError
 from stochvi.scenes import foreign_reader
 from stochvi.scenes.foreign_reader import MOST_NUMBERS, MOST_SECONDS, REAL
+from stochvi.scenes.frames import Frame
 from stochvi.scenes.outside import Parts, origin_of
 from stochvi.scenes.text_tables import (
     VALUES,
@@ -235,7 +236,7 @@ class Columns:
 
 
 def read_columns(
-    path: Path,
+    path: Path | Frame,
     names: Sequence[str],
     *,
     column: int | str | None = None,
@@ -243,10 +244,12 @@ def read_columns(
     dataset: int | None = None,
     function_type: int = SPECTRAL_DENSITY,
 ) -> Columns:
-    """Two columns (or one) of a file, whose kind the ending of its name says.
+    """Two columns (or one) of a frame, or of a file, whose kind the ending of its name says.
 
     Parameters
     ----------
+    path
+        The file, or the frame that stands in its place.
     names
         Names of the two columns that are needed, or of one column if no more is needed.
     column
@@ -274,6 +277,8 @@ def read_columns(
     if column is not None and suffix in (*UFF_SUFFIXES, *ARRAY_SUFFIXES):
         other = "variables" if suffix in ARRAY_SUFFIXES else "dataset"
         raise SceneError([("column", f"is for text files, got {path.name}; give {other}")])
+    if not isinstance(path, Path):
+        return _columns_of(path.table(names), names, column, function_type, of_file=False)
     if suffix in UFF_SUFFIXES:
         return _read_uff(path, names, dataset, function_type)
     if suffix in ARRAY_SUFFIXES:
@@ -315,7 +320,11 @@ def _table_of_package(path: Path, ending: str, names: Sequence[str]) -> TextTabl
 
 
 def _columns_of(
-    table: TextTable, names: Sequence[str], column: int | str | None, function_type: int
+    table: TextTable,
+    names: Sequence[str],
+    column: int | str | None,
+    function_type: int,
+    of_file: bool = True,
 ) -> Columns:
     path = table.path
     record, quantity = function_type == TIME_RESPONSE, _abscissa(function_type)
@@ -367,10 +376,11 @@ def _columns_of(
         elif record and len(names) > 1:
             _check_seconds(path, times)
     return Columns(
-        x=times, y=found[-1], unit=known, stated_in=f"line {line} of {path}",
+        x=times, y=found[-1], unit=known,
+        stated_in=f"line {line} of {path}" if of_file else str(path),
         heading=" ".join(table.headings[place].cells),
         unread=table.headings[place].unread if known is None else "",
-        lines=table.numbers,
+        lines=table.numbers if of_file else None,
         remarks=[(f"line {number} of {path}", text) for number, text in table.remarks],
     )  # fmt: skip
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,6 +27,7 @@ from stochvi.mathematics.units import checked, explain_methods
 from stochvi.results.deadline import in_command
 from stochvi.results.errors import SceneError
 from stochvi.results.estimates import jackknife_error
+from stochvi.scenes.frames import Frame
 from stochvi.scenes.readers import TIME_RESPONSE, Columns, read_columns
 from stochvi.scenes.text_tables import out_of_order
 
@@ -379,7 +381,7 @@ def _grid(table: Table, omega: float, damping_rate: float) -> Vector:
 
 @checked
 def read_record(
-    path: str | Path,
+    path: str | Path | Frame,
     *,
     fs: float | None = None,
     column: int | str | None = None,
@@ -398,7 +400,7 @@ def read_record(
     Parameters
     ----------
     path
-        File of the record.
+        File of the record, or the frame of its values (`stochvi.scenes.frames`).
     fs
         Sampling rate, 1/s; if the file has times, it must agree with them.
     column
@@ -437,12 +439,12 @@ def read_record(
     >>> round(record.fs), columns.unit.name
     (100, 'g')
     """
-    path = Path(path)
-    try:
-        found = path.stat()
-        identity = found.st_ino, found.st_size, found.st_mtime_ns
-    except (OSError, ValueError):
-        identity = 0, 0, 0  # what reads it says why
+    path = Path(path) if isinstance(path, str) else path
+    identity = 0, 0, 0
+    with contextlib.suppress(OSError, ValueError):  # what reads it says why
+        if isinstance(path, Path):
+            found = path.stat()
+            identity = found.st_ino, found.st_size, found.st_mtime_ns
     names = None if variables is None else tuple(variables)
     with in_command():
         return _read_once(path, identity, fs, column, names, dataset, gaps, fewest)
@@ -450,7 +452,7 @@ def read_record(
 
 @lru_cache(maxsize=2, typed=True)
 def _read_once(
-    path: Path, _: tuple[int, ...], fs: float | None, column: int | str | None,
+    path: Path | Frame, _: tuple[int, ...], fs: float | None, column: int | str | None,
     variables: tuple[str, ...] | None, dataset: int | None, gaps: Literal["refuse", "split"],
     fewest: int,
 ) -> tuple[Record, Columns]:  # fmt: skip
@@ -554,7 +556,7 @@ def listed_gaps(gaps: Sequence[tuple[float, float]]) -> str:
 
 
 def _sampling(
-    times: Vector, path: Path, columns: Columns
+    times: Vector, path: Path | Frame, columns: Columns
 ) -> tuple[float, Vector, tuple[str, ...], str]:
     """Sampling rate, 1/s; the seconds by which each interval is too long; notes; and a sentence
     where the times are off the even grid by more than their rounding.

@@ -4,7 +4,6 @@ of rubber."""
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +12,8 @@ import scipy
 from stochvi.mathematics.numerics import Vector, Waves
 from stochvi.mathematics.units import unit
 from stochvi.results.errors import SceneError
-from stochvi.scenes.text_tables import all_columns, read_text_table
+from stochvi.scenes.frames import source_of, table_of
+from stochvi.scenes.text_tables import all_columns
 from stochvi.scenes.validation import sentences_of
 
 COLUMNS = {"frequency_hz": "Hz", "dynamic_stiffness": "N/m", "loss_factor": ""}
@@ -76,12 +76,14 @@ def fitted(frequency_hz: Vector, stiffness: Waves, error: float) -> Chain:
 
 def with_branches_of_file(keys: Any) -> Any:
     """The keys with the chain of the file instead of its name, if a file is given."""
-    if not isinstance(keys, dict) or not isinstance(keys.get("file"), str):
+    origin = source_of(keys)
+    if origin is None:
         return keys
+    key, source = origin
     if given := [name for name in ("stiffness", "branches") if keys.get(name) is not None]:
-        raise ValueError(f"takes file, or stiffness and branches, got file and {given[0]}")
-    with sentences_of("file"):
-        table = read_text_table(Path(keys["file"]), tuple(COLUMNS))
+        raise ValueError(f"takes {key}, or stiffness and branches, got {key} and {given[0]}")
+    with sentences_of(key):
+        table = table_of(source, tuple(COLUMNS))
         columns = all_columns(table, tuple(COLUMNS))
         for heading, (name, wanted) in zip(table.headings, COLUMNS.items(), strict=True):
             stated = heading.unit
@@ -109,9 +111,9 @@ def with_branches_of_file(keys: Any) -> Any:
                 f"follow to {100.0 * LARGEST_FIT_ERROR:g} %: stiffness must rise with frequency as "
                 "the loss factor asks for"
             )
-    kept = {name: value for name, value in keys.items() if name not in ("file", "error")}
+    kept = {name: value for name, value in keys.items() if name not in (key, "error")}
     return (
-        {"source": Path(keys["file"]).name}
+        {"source": source.name}
         | kept
         | {
             "stiffness": chain.stiffness,

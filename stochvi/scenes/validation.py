@@ -73,7 +73,9 @@ Tolerance = Annotated[NonNegative, Field(lt=1)]
 
 
 def plain_numbers(values: Any) -> Any:
-    """An array as lists, which pydantic knows; anything else as it is."""
+    """An array or a frame as lists, which pydantic knows; anything else as it is."""
+    if hasattr(values, "to_numpy"):
+        return values.to_numpy().tolist()
     return values.tolist() if hasattr(values, "tolist") else values
 
 

@@ -19,6 +19,7 @@ from stochvi.mathematics.units import unit as unit_of
 from stochvi.mathematics.unsteady_noise import SHAPES, PulseShape
 from stochvi.results.errors import SceneError
 from stochvi.scenes.excitations.base import BASE, BaseExcitation, Density, agreed_unit, unit_name
+from stochvi.scenes.frames import Frame, Values
 from stochvi.scenes.records import read_record
 from stochvi.scenes.validation import (
     ColumnName,
@@ -133,9 +134,10 @@ class Pulses(DrawnExcitation):
     shape, duration
         Instead of impulses, shocks: "half-sine", "saw-tooth" (which ends at its peak) or
         "trapezoid" (with ramps of a tenth), and their length, s, or a text, "11 ms".
-    file, fs, column
-        Instead of a shape: a measured pulse. Its sampling rate if it has no times; its column if
-        it has several.
+    file, values, fs, column
+        Instead of a shape: a measured pulse, in a file, or in Python as numbers, as
+        `stochvi.RecordedNoise` takes them. Its sampling rate if it has no times; its column if it
+        has several.
     unit
         Unit of the values of a file, or of the amplitude of a shape, as "g"; there by default SI.
     amplitude
@@ -175,6 +177,7 @@ class Pulses(DrawnExcitation):
     shape: Literal["half-sine", "saw-tooth", "trapezoid"] | None = None
     duration: Seconds | None = None
     file: str | None = None
+    values: Values | None = None
     unit: Annotated[str, AfterValidator(_value_unit)] | None = None
     fs: Positive | None = None
     column: ColumnName | None = None
@@ -186,16 +189,14 @@ class Pulses(DrawnExcitation):
 
     @model_validator(mode="after")
     def _one_form(self) -> Self:
-        if (self.impulse is not None) + (self.shape is not None) + (self.file is not None) != 1:
-            raise ValueError(
-                "needs exactly one of impulse, shape and file, "
-                f"got {given(self, 'impulse', 'shape', 'file')}"
-            )
+        form = given(self, "impulse", "shape", "file", "values")
+        if form not in ("impulse", "shape", "file", "values"):
+            raise ValueError(f"needs exactly one of impulse, shape, file and values, got {form}")
         of_form = {
             "impulse": (), "shape": ("duration", "amplitude", "unit"),
             "file": ("amplitude", "unit", "fs", "column"),
+            "values": ("amplitude", "unit", "fs", "column"),
         }  # fmt: skip
-        form = given(self, "impulse", "shape", "file")
         keys = given(self, "duration", "amplitude", "unit", "fs", "column").split(", ")
         if wrong := [key for key in keys if key not in (*of_form[form], "none")]:
             raise ValueError(f"has {wrong[0]}, which does not go with {form}")
@@ -207,15 +208,15 @@ class Pulses(DrawnExcitation):
                 )
             self._shock = PulseShape(SHAPES[self.shape], self.duration)
             self._unit = None if self.unit is None else unit_of(self.unit)
-        elif self.file is not None:
-            self._read(Path(self.file))
+        elif self.impulse is None:
+            self._read(form, self.values or Path(str(self.file)))
         return self
 
-    def _read(self, path: Path) -> None:
-        """Take the pulse from its file, with a sample of 0 before it and after it."""
-        with sentences_of("file"):
+    def _read(self, key: str, source: Path | Frame) -> None:
+        """Take the pulse from its file or values, with a sample of 0 before it and after it."""
+        with sentences_of(key):
             record, columns = read_record(
-                path, fs=self.fs, column=self.column, fewest=FEWEST_SAMPLES
+                source, fs=self.fs, column=self.column, fewest=FEWEST_SAMPLES
             )
             self._unit = agreed_unit(self.unit, columns, VALUES)
         known = self._unit.factor * (record.values + record.mean)
@@ -347,7 +348,7 @@ class Pulses(DrawnExcitation):
             size = f"{often} of {self.size:.4g} {unit}, {self.sizes} sizes"
             return [(f"Pulses on {where}", size, sides)]
         quantity = ACCELERATION if where == BASE else FORCE
-        shape = self.shape or Path(self.file or "").name
+        shape = self.shape or (self.values.name if self.values else Path(self.file or "").name)
         peak = quantity.text(self.size * self._shock.peak)
         size = f"{often}, {shape} of {peak} in {self._shock.duration:.4g} s, {self.sizes} sizes"
         return [(f"Pulses on {where}", size, sides)]

@@ -33,6 +33,7 @@ from stochvi.scenes.excitations.base import (
     band_of,
     unread_unit,
 )
+from stochvi.scenes.frames import Frame, Values, source_of
 from stochvi.scenes.readers import LARGEST_DATA_FILE, Columns, read_columns
 from stochvi.scenes.text_tables import as_text, decoded, out_of_order
 from stochvi.scenes.validation import (
@@ -875,9 +876,12 @@ class TabulatedNoise(DensityNoise):
     file
         A text file, a UFF file with a dataset 58, or a MATLAB or NumPy file. It may also be the
         `spectrum.csv` that `stochvi spectrum --out` wrote for another scene.
+    values
+        Instead of a file, in Python: a Series or frame with frequencies as its index, or columns in
+        an array or a dictionary. It becomes `frequency_hz` and `density`.
     column
-        Name of the column of densities in a text file, or its number from 1, if there are more than
-        two columns.
+        Name of the column of densities in a text file or in `values`, or its number from 1, if
+        there are more than two columns.
     of
         For a `spectrum.csv`: the coordinate of the other scene whose absolute acceleration is used.
     variables
@@ -917,6 +921,7 @@ class TabulatedNoise(DensityNoise):
     kind: Literal["psd"] = "psd"
     profile: str | None = None
     file: str | None = None
+    values: Values | None = None
     column: ColumnName | None = None
     of: str | None = None
     variables: Names | None = None
@@ -927,6 +932,11 @@ class TabulatedNoise(DensityNoise):
     _unit: Unit = PrivateAttr()
     _notes: tuple[str, ...] = PrivateAttr(default=())
     _doubts: tuple[str, ...] = PrivateAttr(default=())
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_values(cls, keys: Any) -> Any:
+        return with_breakpoints(keys, DENSITIES)
 
     @model_validator(mode="after")
     def _read(self) -> Self:
@@ -1024,7 +1034,38 @@ class TabulatedNoise(DensityNoise):
         return [(name, Path(source).name + self.raised, points)]
 
 
-def cleaned(columns: Columns, path: Path, decibels: bool) -> tuple[Columns, tuple[str, ...]]:
+def with_breakpoints(keys: Any, quantities: tuple[str, ...]) -> Any:
+    """The keys of a density with the breakpoints of its `values` in their place.
+
+    `quantities` are those of its unit, none for the density of a relative change.
+    """
+    if not isinstance(keys, dict) or keys.get("values") is None:
+        return keys
+    for other in ("profile", "file", "frequency_hz", "density"):
+        if keys.get(other) is not None:
+            raise ValueError(f"takes values or {other}, got both")
+    _, frame = source_of(keys) or ("", Path())
+    kept = {name: value for name, value in keys.items() if name not in ("values", "column")}
+    with sentences_of("values"):
+        columns = read_columns(frame, ("frequency_hz", "density"), column=keys.get("column"))
+        known = agreed_unit(keys.get("unit"), columns, quantities) if quantities else None
+        if columns.unit is not None and known is None:
+            raise SceneError(OF_CHANGE.format(frame, columns.unit.name))
+        columns, _ = cleaned(columns, frame, known is not None and known.decibels)
+    stated = {} if known is None else {"unit": known.name}
+    return kept | stated | {"frequency_hz": columns.x, "density": columns.y}
+
+
+OF_CHANGE = (
+    "{} must hold the density of a relative change (1/Hz), got {}; leave the unit out of its "
+    "heading if it is none"
+)
+"""The refusal of a density with a unit."""
+
+
+def cleaned(
+    columns: Columns, path: Path | Frame, decibels: bool
+) -> tuple[Columns, tuple[str, ...]]:
     """Rows of a file as a table needs them, and notes on what was changed.
 
     Rows in descending order are reversed. Rows with the density 0 at either end are left out. From
@@ -1189,8 +1230,9 @@ class Modulation(BaseExcitation):
     density
         One-sided density of xi at each breakpoint, 1/Hz; straight between them on logarithmic axes,
         and zero outside the table.
-    file
-        Instead of `frequency_hz` and `density`: a file with these two columns.
+    file, values
+        Instead of `frequency_hz` and `density`: a file with these two columns, or in Python the
+        numbers, as `stochvi.TabulatedNoise` takes them.
 
     See Also
     --------
@@ -1217,7 +1259,13 @@ class Modulation(BaseExcitation):
     zeta: Positive | None = None
     density: Column | None = None
     file: str | None = None
+    values: Values | None = None
     _table: Table | None = PrivateAttr(default=None)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_values(cls, keys: Any) -> Any:
+        return with_breakpoints(keys, ())
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
@@ -1258,10 +1306,7 @@ class Modulation(BaseExcitation):
         with sentences_of("file"):
             columns, _ = cleaned(read_columns(path, ("frequency_hz", "density")), path, False)
             if columns.unit is not None:
-                raise SceneError(
-                    f"{path} must hold the density of a relative change (1/Hz), got "
-                    f"{columns.unit.name}; leave the unit out of its heading if it is none"
-                )
+                raise SceneError(OF_CHANGE.format(path, columns.unit.name))
         assert columns.x is not None
         return Table(frequency_hz=columns.x, density=columns.y)
 

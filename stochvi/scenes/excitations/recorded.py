@@ -21,6 +21,7 @@ from stochvi.scenes.excitations.base import (
     unit_name,
     unread_unit,
 )
+from stochvi.scenes.frames import Values
 from stochvi.scenes.records import (
     CUT_OFF,
     FEWEST_BINS,
@@ -33,7 +34,15 @@ from stochvi.scenes.records import (
     response_error,
     wanted_resolution,
 )
-from stochvi.scenes.validation import Band, ColumnName, Count, Names, Positive, sentences_of
+from stochvi.scenes.validation import (
+    Band,
+    ColumnName,
+    Count,
+    Names,
+    Positive,
+    given,
+    sentences_of,
+)
 
 VALUES = ("acceleration", "force")
 """Quantities that a record may hold."""
@@ -56,6 +65,9 @@ class RecordedNoise(DensityNoise):
         Text with a time (s, or ISO 8601 stamps) and a value in each line, or with a value alone
         and `fs` given; a UFF file with a dataset 58 (`dataset` says which), a MATLAB or NumPy file
         (`variables`), or a logger's recording (.ide, `column`, with the package idelib).
+    values
+        Instead of a file, in Python: an array, a dictionary of columns, or a Series or frame with
+        times as its index. Units of names and attributes are read.
     unit
         Unit of the values: "g", "m/s2" or "N"; may be left out where the file states it.
     fs
@@ -85,16 +97,20 @@ class RecordedNoise(DensityNoise):
     >>> import tempfile
     >>> import numpy as np
     >>> file = Path(tempfile.mkdtemp()) / "run.txt"
-    >>> np.savetxt(file, np.random.default_rng(1).normal(size=4000))
+    >>> values = np.random.default_rng(1).normal(size=4000)
+    >>> np.savetxt(file, values)
     >>> noise = RecordedNoise(file=str(file), unit="g", fs=400.0)
     >>> noise.record.fs, noise.density_unit
     (400.0, 'g2/Hz')
+    >>> RecordedNoise(values=values, unit="g", fs=400.0).record == noise.record
+    True
     """
 
     effect_word: ClassVar[str] = "measured record"
 
     kind: Literal["record"] = "record"
-    file: str
+    file: str | None = None
+    values: Values | None = None
     unit: Annotated[str, AfterValidator(_value_unit)] | None = None
     fs: Positive | None = None
     column: ColumnName | None = None
@@ -111,10 +127,14 @@ class RecordedNoise(DensityNoise):
 
     @model_validator(mode="after")
     def _read(self) -> Self:
-        with sentences_of("file"):
+        if (self.file is None) == (self.values is None):
+            raise ValueError(
+                f"needs exactly one of file and values, got {given(self, 'file', 'values')}"
+            )
+        with sentences_of("file" if self.values is None else "values"):
             record, columns = read_record(
-                Path(self.file), fs=self.fs, column=self.column, variables=self.variables,
-                dataset=self.dataset, gaps=self.gaps,
+                self.values or Path(str(self.file)), fs=self.fs, column=self.column,
+                variables=self.variables, dataset=self.dataset, gaps=self.gaps,
             )  # fmt: skip
         self._unit = agreed_unit(self.unit, columns, VALUES)
         self._doubts = unread_unit(columns, self._unit)
@@ -168,6 +188,13 @@ class RecordedNoise(DensityNoise):
         return Table(frequency_hz=table.frequency_hz[kept], density=table.density[kept])
 
     @property
+    def record_name(self) -> str:
+        """The name of its file, or of its values."""
+        return (
+            Path(self.file).name if self.file is not None else str(self.values and self.values.name)
+        )
+
+    @property
     def record(self) -> Record:
         """The record in SI units, level included."""
         return self._record
@@ -190,13 +217,13 @@ class RecordedNoise(DensityNoise):
         kurtosis, doubt = record.kurtosis()
         estimate = record.density(self._bins(omega, damping_rate))
         return (
-            f"record {Path(self.file).name}: {record.duration:.4g} s at {record.fs:.4g} Hz, "
+            f"record {self.record_name}: {record.duration:.4g} s at {record.fs:.4g} Hz, "
             f"kurtosis of the input {kurtosis:.2f} ± {doubt:.2f} (Gaussian: 3, which says "
             "little of the response); Gaussian noise of its density is simulated, not the record "
             "itself",
-            *(f"record {Path(self.file).name}: {note}" for note in self._notes + record.notes),
+            *(f"record {self.record_name}: {note}" for note in self._notes + record.notes),
             *(
-                (f"record {Path(self.file).name}: split at {listed_gaps(record.gaps)}",)
+                (f"record {self.record_name}: split at {listed_gaps(record.gaps)}",)
                 if record.gaps
                 else ()
             ),
@@ -210,9 +237,7 @@ class RecordedNoise(DensityNoise):
         record = self._as_read
         clock = (record.interpolated,) if record.interpolated else ()
         cut = (CUT_OFF,) if cut_off(record.values) else ()
-        return tuple(
-            f"record {Path(self.file).name}: {note}" for note in (*self._doubts, *clock, *cut)
-        )
+        return tuple(f"record {self.record_name}: {note}" for note in (*self._doubts, *clock, *cut))
 
     def cautions(self, omega: float, damping_rate: float, *, alone: bool = True) -> tuple[str, ...]:
         """Sentences on how uncertain the record leaves the response of an oscillator with this
@@ -296,7 +321,7 @@ class RecordedNoise(DensityNoise):
         return [
             (
                 f"Measured record on {where}",
-                Path(self.file).name + self.raised,
+                self.record_name + self.raised,
                 f"{numbers['duration']:.4g} s at {numbers['sampling_rate_hz']:.4g} Hz; density by "
                 "Welch's method",
             ),

@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -35,8 +34,9 @@ from stochvi.mathematics.kelvin_voigt import (
 )
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.results.errors import SceneError
+from stochvi.scenes.frames import Values, source_of, table_of
 from stochvi.scenes.readers import si_columns
-from stochvi.scenes.text_tables import all_columns, read_text_table
+from stochvi.scenes.text_tables import all_columns
 from stochvi.scenes.validation import (
     Checked,
     Function,
@@ -608,9 +608,10 @@ class ForceTable(CompliantLaw):
         Increasing, m, from 0 on; beyond the last one the last slope goes on.
     force
         Never decreasing, N, 0 at the deflection 0.
-    file, unit
-        Instead of the two: a file of two columns, and their units, "m,N" or "mm,N". The units may
-        also stand in the headings of the columns, in any spelling.
+    file, values, unit
+        Instead of the two: a file of two columns, or in Python a Series, frame or array of them,
+        and their units, "m,N" or "mm,N". The units may also stand in the headings of the columns,
+        in any spelling.
     source
         Where the numbers come from; by default the name of the file from which they were read.
 
@@ -634,6 +635,7 @@ class ForceTable(CompliantLaw):
     deflection: NonNegatives
     force: NonNegatives
     file: str | None = None
+    values: Values | None = None
     unit: Literal["m,N", "mm,N"] | None = None
     source: str | None = None
 
@@ -782,24 +784,26 @@ def check_columns(unit: str | None, deflection: Sequence[float], force: Sequence
 
 
 def with_columns(keys: Any) -> Any:
-    """The keys with the numbers of the file instead of its name, if a file is given."""
-    if not isinstance(keys, dict) or not isinstance(keys.get("file"), str):
+    """The keys with the numbers of the file or the values in their place, if these are given."""
+    found = source_of(keys)
+    if found is None:
         return keys
+    key, source = found
     given = [name for name in ("deflection", "force") if keys.get(name) is not None]
     if given:
-        raise ValueError(f"takes file, or deflection and force, got file and {given[0]}")
+        raise ValueError(f"takes {key}, or deflection and force, got {key} and {given[0]}")
     given_unit = keys.get("unit")
     if given_unit is not None and given_unit not in tuple(COLUMN_UNITS):
         raise SceneError([("unit", f"must be {CHOICES}, got {given_unit!r}")])
     names = ("deflection", "force")
-    with sentences_of("file"):
-        table = read_text_table(Path(keys["file"]), names)
+    with sentences_of(key):
+        table = table_of(source, names)
         columns = all_columns(table, names)
     units = COLUMN_UNITS[given_unit] if given_unit else None
     deflection, force = si_columns(table, columns, ("length", "force"), units, CHOICES)
-    kept = {name: value for name, value in keys.items() if name not in ("file", "unit")}
+    kept = {name: value for name, value in keys.items() if name not in (key, "unit")}
     return (
-        {"source": Path(keys["file"]).name}
+        {"source": source.name}
         | kept
         | {
             "deflection": deflection.tolist(),

@@ -19,9 +19,9 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.rods import Shape, bar_compliance, bar_modes, beam_compliance, beam_modes
 from stochvi.results.errors import SceneError
+from stochvi.scenes.frames import Frame, Values, source_of, table_of
 from stochvi.scenes.readers import UFF_SUFFIXES, Foreign, read_foreign
 from stochvi.scenes.structures.oscillators import AnyStructure
-from stochvi.scenes.text_tables import read_text_table
 from stochvi.scenes.validation import (
     Column,
     Count,
@@ -69,13 +69,13 @@ NAMES_LISTED = 8
 """Number of nodes or columns that a sentence lists."""
 
 
-def read_modes(file: str, points: Mapping[str, str] | None) -> dict[str, Any]:
-    """Keys of a structure of kind "modes" from a file, which the ending of its name tells apart.
+def read_modes(path: Path | Frame, points: Mapping[str, str] | None) -> dict[str, Any]:
+    """Keys of a structure of kind "modes" from a frame, or a file, which its ending tells apart.
 
     Parameters
     ----------
-    file
-        Name of the file: mode shapes of UFF (.uff, .unv, .ufb, .uf), Nastran (.op2) or Exodus
+    path
+        The frame, or the file: mode shapes of UFF (.uff, .unv, .ufb, .uf), Nastran (.op2) or Exodus
         (.exo, .e), or a table of text.
     points
         Column of each point, by its name, or node and direction of mode shapes. Without points,
@@ -86,14 +86,16 @@ def read_modes(file: str, points: Mapping[str, str] | None) -> dict[str, Any]:
     SceneError
         If the file does not hold what is needed.
     """
-    path = Path(file)
     kind, content = SHAPES.get(path.suffix.lower(), ("", ""))
-    found = _from_shapes(path, points, kind, content) if kind else _from_text(path, points)
+    if kind and isinstance(path, Path):
+        found = _from_shapes(path, points, kind, content)
+    else:
+        found = _from_text(path, points)
     return {"source": path.name} | found
 
 
-def _from_text(path: Path, points: Mapping[str, str] | None) -> dict[str, Any]:
-    table = read_text_table(path, ("frequency_hz", "zeta"))
+def _from_text(path: Path | Frame, points: Mapping[str, str] | None) -> dict[str, Any]:
+    table = table_of(path, ("frequency_hz", "zeta"))
     names = [heading.name for heading in table.headings]
     columns = dict(zip(names, table.columns(*range(len(names))), strict=True))
     if "frequency_hz" not in columns:
@@ -347,9 +349,11 @@ class Modes(ModalStructure):
         Instead of these: a table (.csv) with a row for each mode and columns called frequency_hz,
         zeta or Q, modal_mass, participation and after the points; or mode shapes of a UFF file
         (datasets 55), of Nastran (.op2) or of Exodus (.exo, .e), with the extra `fem`.
+    values
+        In Python instead of a file: a frame of these columns, a row for each mode.
     points
-        With a file: a name for each point, and its column. Files of mode shapes take node and
-        direction, as { tip = "12.z" } or "12.-z".
+        With a file or a frame: a name for each point, and its column. Files of mode shapes take
+        node and direction, as { tip = "12.z" } or "12.-z".
     source
         Where the numbers come from; by default the name of the file.
 
@@ -381,15 +385,18 @@ class Modes(ModalStructure):
     modes: Count | None = None
     max_frequency_hz: Positive | None = None
     file: str | None = None
+    values: Values | None = None
     points: dict[str, str] | None = None
     source: str | None = None
 
     @model_validator(mode="before")
     @classmethod
     def _from_file(cls, keys: Any) -> Any:
-        """The keys with the numbers of the file instead of its name, if a file is given."""
-        if not isinstance(keys, dict) or not isinstance(keys.get("file"), str):
+        """The keys with the numbers of the file or the values in their place, if given."""
+        origin = source_of(keys)
+        if origin is None:
             return keys
+        key, source = origin
         points = keys.get("points")
         if points is not None and not (
             isinstance(points, dict) and all(isinstance(each, str) for each in points.values())
@@ -397,9 +404,9 @@ class Modes(ModalStructure):
             raise SceneError(
                 [("points", f'must name columns or nodes, as {{ tip = "12.z" }}, got {points!r}')]
             )
-        with sentences_of("file"):
-            found = read_modes(keys["file"], points)
-        kept = {name: value for name, value in keys.items() if name not in ("file", "points")}
+        with sentences_of(key):
+            found = read_modes(source, points)
+        kept = {name: value for name, value in keys.items() if name not in (key, "points")}
         twice = sorted(found.keys() & kept.keys() - {"source"})
         if {"zeta", "Q"} & kept.keys():
             found = {name: value for name, value in found.items() if name not in ("zeta", "Q")}

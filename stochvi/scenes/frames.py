@@ -1,0 +1,232 @@
+"""Columns of numbers that Python has in the place of a file: arrays, series and frames.
+
+Arrays of numpy, frames of pandas and xarray, and dictionaries of columns become the same table that
+a text file becomes. All that is checked of a file is therefore checked of them. They are told by
+what they offer, so that no package is imported.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+from weakref import WeakValueDictionary
+
+import numpy as np
+from pydantic import BeforeValidator, PlainSerializer
+from pydantic.json_schema import SkipJsonSchema
+
+from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.results.errors import SceneError
+from stochvi.scenes.text_tables import Heading, PlainRows, TextTable, read_text_table, unit_in
+
+KNOWN: WeakValueDictionary[int, Frame] = WeakValueDictionary()
+"""The frames of the scenes of this process, whose digests stand in documents for them. Equal frames
+stand here each, as one of them may be given up before the other."""
+
+
+class Frame:
+    """Columns of numbers, and what is written above each of them.
+
+    Parameters
+    ----------
+    columns
+        The numbers, (rows, columns); NaN where one is missing.
+    names
+        A name for each column, with its unit where it has one: "acc (g)"; empty for none.
+    indexed
+        Whether the first column is the index of a series or a frame.
+    """
+
+    def __init__(self, columns: Matrix, names: Sequence[str], indexed: bool = False) -> None:
+        self.columns, self.names, self.indexed = columns, tuple(names), indexed
+        digest = hashlib.sha256(repr((self.names, columns.shape)).encode())
+        digest.update(columns.astype("<f8").tobytes())
+        self.digest = f"sha256:{digest.hexdigest()}"
+        KNOWN[id(self)] = self
+
+    suffix = ""
+    """No ending of a name tells a format."""
+
+    @property
+    def name(self) -> str:
+        """What answers call it: the name of its only column of values."""
+        values = self.names[self.indexed :]
+        return (values[0] if len(values) == 1 else "") or "values"
+
+    def __str__(self) -> str:
+        return ARRAY
+
+    def __repr__(self) -> str:
+        return f"<{len(self.columns)} rows, {self.digest[:19]}>"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Frame) and self.digest == other.digest
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    def __reduce__(self) -> Any:
+        return Frame, (self.columns, self.names, self.indexed)
+
+    def table(self, needed: Sequence[str]) -> TextTable:
+        """The table that a file of these columns would be, for readers that need some columns."""
+        columns, names = self.columns, self.names
+        if columns.shape[1] < len(needed):
+            remedy = f"give a Series with the {needed[0]} as its index, or two columns"
+            if needed[0] == "time":
+                remedy = f"give fs, the sampling rate in Hz, or {remedy.removeprefix('give ')}"
+            raise SceneError(f"must hold {' and '.join(needed)}, got one column; {remedy}")
+        first = ";".join(f"{value!r}" for value in columns[0].tolist())
+        return TextTable(
+            path=Path(ARRAY), lines=PlainRows((1, first), len(columns)), above=[], remarks=[],
+            delimiter=";", decimal_comma=False, numeric=range(columns.shape[1]), values=columns,
+            headings=[Heading(cells=(name,) if name else (), unit=unit_in(name)) for name in names],
+        )  # fmt: skip
+
+
+ARRAY = "array"
+"""What messages call a frame, where they would name a file."""
+
+
+def frame_of(values: Any) -> Frame:
+    """The columns of whatever holds numbers.
+
+    Parameters
+    ----------
+    values
+        An array, a list, a Series, a frame of pandas or xarray, or a dictionary of columns. It may
+        also be the digest of a frame that a scene of this process holds.
+
+    Raises
+    ------
+    SceneError
+        If it does not hold real numbers in rows and columns.
+
+    Examples
+    --------
+    >>> frame = frame_of({"time (s)": [0.0, 0.5], "acc (g)": [1.0, -1.0]})
+    >>> frame.names, frame.columns.tolist()
+    (('time (s)', 'acc (g)'), [[0.0, 1.0], [0.5, -1.0]])
+    """
+    if isinstance(values, Frame):
+        return values
+    if isinstance(values, str):
+        held = next((each for each in list(KNOWN.values()) if each.digest == values), None)
+        if held is None:
+            raise SceneError(
+                f"must be numbers, got {values[:19]!r}, the digest of numbers that only the "
+                "process had which made the scene; give them again, or write them to a file"
+            )
+        return held
+    named, index = _columns(values)
+    parts = [part for part in (index, *named) if part is not None]
+    numbers = [_numbers(part, name) for name, part in parts]
+    if len(lengths := {len(each) for each in numbers}) != 1:
+        raise SceneError(f"must hold columns of one length, got lengths {sorted(lengths)}")
+    columns = np.column_stack(numbers)
+    if len(columns) < 2:
+        raise SceneError(f"must hold at least two rows, got {len(columns)}")
+    return Frame(columns, [_heading(name, part) for name, part in parts], index is not None)
+
+
+Column = tuple[str, Any]
+"""The name of a column, or "", and its numbers."""
+
+
+def _columns(values: Any) -> tuple[list[Column], Column | None]:
+    """The columns of anything, and its index where it has one that does not count rows."""
+    if hasattr(values, "coords"):  # of xarray
+        if len(values.dims) != 1:
+            raise SceneError(
+                f"must have one dimension, got {list(values.dims)}; choose by isel or sel"
+            )
+        (along,) = values.dims
+        index = (str(along), values.coords[along]) if along in values.coords else None
+        several = hasattr(values, "data_vars")
+        inner = values.data_vars if several else {values.name or "": values}
+        return [(str(name), inner[name]) for name in inner], index
+    rows: Any = getattr(values, "index", None)
+    index = None
+    if hasattr(rows, "name") and (rows.name is not None or getattr(rows, "step", None) != 1):
+        index = str(rows.name or ""), rows
+    if isinstance(values, Mapping) or hasattr(values, "columns"):
+        names = list(getattr(values, "columns", values))
+        return [(_label(name), values[name]) for name in names], index
+    if hasattr(values, "to_numpy"):
+        return [(str(values.name or ""), values)], index
+    if getattr(getattr(values, "dtype", None), "names", None):
+        return [(name, values[name]) for name in values.dtype.names], None
+    if hasattr(values, "magnitude"):  # a quantity of pint
+        return [(f"({values.units:~})", values.magnitude)], None
+    array = np.ma.asanyarray(values)
+    if array.ndim != 2:
+        return [("", array)], None
+    wide = array if array.shape[0] >= array.shape[1] else array.T
+    return [("", column) for column in wide.T], None
+
+
+def _label(name: Any) -> str:
+    """The name of a column; of several levels, the names of all."""
+    return " ".join(map(str, name)) if isinstance(name, tuple) else str(name)
+
+
+def _numbers(part: Any, name: str) -> Vector:
+    """A column as numbers, times as seconds after the first; NaN where one is missing."""
+    if getattr(part, "tz", None) is not None:
+        part = part.tz_convert(None)
+    given = part.to_numpy() if hasattr(part, "to_numpy") else np.ma.asanyarray(part)
+    if given.dtype.kind in "mM":
+        return np.asarray((given - given[0]) / np.timedelta64(1, "s"), float)
+    if given.dtype.kind in "bcSU" or given.ndim != 1:
+        got = f"{given.ndim} dimensions" if given.ndim != 1 else f"{given.dtype} numbers"
+        raise SceneError(f"must hold columns of real numbers, got {got} {name}".rstrip())
+    try:
+        if given.dtype.kind == "O":  # numbers of pandas that may be missing
+            given = part.to_numpy(dtype=float, na_value=np.nan)
+        found: Vector = np.ma.asanyarray(given).astype(float).filled(np.nan)
+    except (AttributeError, TypeError, ValueError):
+        raise SceneError(f"must hold columns of real numbers, got others {name}".rstrip()) from None
+    found[~np.isfinite(found)] = np.nan
+    return found
+
+
+def _heading(name: str, part: Any) -> str:
+    """What stands above a column: its name, with the unit that its attributes state."""
+    if getattr(getattr(part, "dtype", None), "kind", "") in ("m", "M"):
+        return "time (s)"
+    stated = getattr(part, "attrs", {})
+    unit = stated.get("units") or stated.get("unit")
+    return f"{name} ({unit})".lstrip() if isinstance(unit, str) else name
+
+
+Values = Annotated[
+    SkipJsonSchema[Any], BeforeValidator(frame_of), PlainSerializer(lambda frame: frame.digest)
+]
+"""Numbers in the place of a file, which the document of a scene knows by their digest."""
+
+
+def table_of(source: Path | Frame, names: Sequence[str], largest: int | None = None) -> TextTable:
+    """The table of a file or a frame that has at least the columns `names`; errors as for
+    `read_text_table`."""
+    if isinstance(source, Frame):
+        return source.table(names)
+    return read_text_table(source, names, largest)
+
+
+def source_of(keys: Any) -> tuple[str, Path | Frame] | None:
+    """The key by which a part gets its numbers from elsewhere, "file" or "values", and where they
+    are; None for a part with numbers of its own."""
+    if not isinstance(keys, dict):
+        return None
+    if isinstance(keys.get("file"), str):
+        if keys.get("values") is not None:
+            raise ValueError("takes file or values, got both")
+        return "file", Path(keys["file"])
+    if keys.get("values") is None:
+        return None
+    try:
+        return "values", frame_of(keys["values"])
+    except SceneError as error:
+        raise SceneError([("values", text) for _, text in error.problems]) from None
