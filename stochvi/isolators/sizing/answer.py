@@ -13,7 +13,7 @@ import numpy as np
 
 from stochvi.isolators.record_verdict import RecordVerdict, most_alarming
 from stochvi.isolators.screening import SceneAtRest, Screening, at_clearances, scene_at_rest
-from stochvi.isolators.tolerances import WORST, Tolerances
+from stochvi.isolators.tolerances import Tolerances
 from stochvi.mathematics.numerics import ROUNDING, Matrix, Vector
 from stochvi.mathematics.units import LENGTH, RATE, readable, spoken_mission
 from stochvi.mathematics.unsteady_noise import MovingMean
@@ -662,11 +662,10 @@ class SizedWithin(ClearanceAnswer):
     def needed(self) -> Mapping[str, float]:
         """The clearance of each sized pair within the tolerances, m; empty where it was not
         found."""
-        if self.allowed == Tolerances():
-            return {name: each.value for name, each in self.clearances.items()}
-        rows = rows_of(self, "tolerances")
-        known = len(rows) > 1 and rows[-1]["change"].startswith(WORST)
-        return {name: float(rows[-1][name]) for name in self.clearances} if known else {}
+        if len(rows := rows_of(self, "tolerances")) > 1:
+            return {name: float(rows[-1][name]) for name in self.clearances}
+        stated = {name: each.value for name, each in self.clearances.items()}
+        return stated if self.allowed == Tolerances() else {}
 
     @property
     def rounded(self) -> Mapping[str, RoundedClearance]:
@@ -944,7 +943,8 @@ class Sizing(SizedWithin):
         if self.production is not None:
             return {name: each.value for name, each in self.production.clearances.items()}
         if self.several or self.allowed == Tolerances():
-            return super().needed
+            stated = {name: each.value for name, each in self.clearances.items()}
+            return super().needed or stated
         worst = math.nan if self.worst_case is None else self.worst_case["clearance"].iloc[-1]
         return {} if math.isnan(worst) else dict.fromkeys(self.clearances, float(worst))
 

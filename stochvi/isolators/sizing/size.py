@@ -783,7 +783,7 @@ class ChangedMissions:
             again = replace(run, rel_error=WORST_ERROR)
             place = self.simulated(worst[1], worst[0], again)
         except (NotConverged, Interrupted) as reason:
-            return frame_of(map(self._row, found)), [
+            return frame_of([self._row(found[0])]), [
                 f"the largest clearance within the tolerances was not found: {reason}"
             ]
         # with one quantity alone the search ends where its row is
