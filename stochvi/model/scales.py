@@ -33,7 +33,8 @@ class PairScale(NamedTuple):
 
     `speed` is the rms speed of its gap, and `pressing` the acceleration that presses the mass onto
     a stop, or 0. The gap has the density exp(slope y - curvature y^2 / 2), up to a factor, and the
-    standard deviation `deviation`.
+    standard deviation `deviation`. With `sinks` it moves more within its compliant stops than
+    between them.
     """
 
     speed: float
@@ -41,22 +42,64 @@ class PairScale(NamedTuple):
     slope: float
     curvature: float
     deviation: float
+    sinks: bool = False
+
+    def way(self, play: float) -> float:
+        """How far the gap goes from one turn to the next, m: the play between its stops, or the
+        width of the uniform law with its deviation where it goes deeper into them."""
+        return math.sqrt(12.0) * self.deviation if self.sinks else play
 
 
 Scales = Callable[[Model, ModalForm], tuple[LinearLaw, tuple[PairScale, ...]] | None]
 """A way to a linear law and the scales of all pairs: `scales_of` or `scales_of_free_motion`."""
 
 
+DEEP = 2.0
+"""A mass sinks into stops where their springs leave it this many times the play."""
+
+
 def scales_of(
-    model: Model, modes: ModalForm, method: str = "simulate", *, compliant: bool = False
+    model: Model, modes: ModalForm, method: str = "simulate"
 ) -> tuple[LinearLaw, tuple[PairScale, ...]] | None:
     """A linear law close to the stationary one, and the scales of each pair; None if none is found.
 
+    Compliant stops are treated as rigid ones with their restitution. Where the mass sinks deeper
+    into them than their play is wide, no rigid stop is like them, and the energy that they store
+    gives the law.
+    """
+    rigid = scales_by(model, modes, method, compliant=False)
+    if rigid is None or not any(map(_sinks, model.pairs, rigid[1])):
+        return rigid
+    found = scales_by(model, modes, method, compliant=True)
+    if found is None:
+        return rigid
+    law, scales = found
+    sinking = map(_sinks, model.pairs, scales)
+    return law, tuple(
+        scale._replace(sinks=sinks) for scale, sinks in zip(scales, sinking, strict=True)
+    )
+
+
+def _sinks(pair: Pair, scale: PairScale) -> bool:
+    """Whether a gap at its rms speed goes deeper into two stops than their play is wide."""
+    laws = [stop.law for stop in pair.stops if isinstance(stop.law, CompliantLaw)]
+    if pair.play is None or not laws or not all(law.has_energy for law in laws):
+        return False
+    energy = pair.mass * scale.speed**2
+    held = scale.curvature * energy, scale.slope * energy
+    law = _law_of_gap(pair, held, energy, compliant=True)
+    return math.sqrt(12.0 * law.variance) > DEEP * pair.play
+
+
+def scales_by(
+    model: Model, modes: ModalForm, method: str, *, compliant: bool
+) -> tuple[LinearLaw, tuple[PairScale, ...]] | None:
+    """`scales_of` with compliant stops as rigid ones or, if `compliant`, by their energy.
+
     Every pair is replaced by a spring and a damper. The spring gives the gap the mean and the
     variance of a normal distribution truncated at the stops. The damper takes as much power as the
-    restitution does at Rayleigh impact speeds. Both are found by iteration. Compliant stops are
-    treated as rigid ones with their restitution or, if `compliant`, by the energy that they store.
-    `method` is the name of the method in error messages.
+    restitution does at Rayleigh impact speeds. Both are found by iteration. `method` is the name
+    of the method in error messages.
     """
     if not model.shaken and model.modulations:
         model = stirred(model)

@@ -1476,7 +1476,7 @@ def _step(model: Model, modes: ModalForm, law: LinearLaw, pairs: tuple[PairScale
     for pair, scale in zip(model.pairs, pairs, strict=True):
         if pair.play is not None:
             speed = math.hypot(scale.speed, _speed_of_jumps(model, pair))
-            limits.append(GAP_PER_STEP * pair.play / speed)
+            limits.append(GAP_PER_STEP * scale.way(pair.play) / speed)
         if scale.pressing > 0.0:
             limits.append(BOUNCE_PER_STEP * scale.speed / scale.pressing)
     limits += [longest_between_stops(model, law, pairs), longest_at_stops(model, law, pairs)]

@@ -549,7 +549,7 @@ def _interval(model: Model, known: dict[str, Any]) -> float:
     ]
     for pair, scale in zip(model.pairs, known["pairs"], strict=True):
         if pair.play is not None:
-            limits.append(GAP_PER_SAMPLE * pair.play / scale.speed)
+            limits.append(GAP_PER_SAMPLE * scale.way(pair.play) / scale.speed)
     return min(limits)
 
 

@@ -27,8 +27,8 @@ from stochvi.motion.modal import (
     plan_modal,
 )
 from stochvi.motion.modal_tables import ModalTablesPlan
-from stochvi.motion.plan import PathStatistics, Plan
-from stochvi.motion.white import plan_white
+from stochvi.motion.plan import RELAXATIONS, PathStatistics, Plan
+from stochvi.motion.white import GAP_PER_STEP, plan_white
 from stochvi.results.errors import NoExactSolution, NotApplicable, SceneError
 from stochvi.results.estimates import Estimate
 from stochvi.scenes import Hertz
@@ -334,6 +334,20 @@ def test_conservative_stops_agree_with_the_exact_law(case: Scene) -> None:
         stated = exact(case).impact_pairs["stops"]["peak_force"]
         assert isinstance(stated, Estimate) and stated.bias is not None
         assert_agrees(Estimate(value=mean, standard_error=error, bias=stated.bias), stated.value)
+
+
+@pytest.mark.parametrize("play", [1e-9, 1e-5])
+def test_a_step_follows_the_contact_where_the_gap_is_narrow(play: float) -> None:
+    """A mass that sinks deep into its stops hardly flies, and the gap told the step and the speed:
+    1e12 steps for elastic stops, a third of the motion for viscoelastic ones, which are like a
+    spring and a damper where their gap is closed."""
+    stiff = make_plan(model_of(scene(-play, play, Elastic(stiffness=1e4))), None, None)
+    assert stiff.step == pytest.approx(GAP_PER_STEP * math.sqrt(12.0) / 100.0, rel=0.01)
+    rubber = make_plan(model_of(scene(-play, play, RUBBER)), None, None)
+    damping, stiffness = 0.1 + 2.0 * 0.2 * 10.0, 1.0 + 100.0
+    assert rubber.speeds[0] == pytest.approx(math.sqrt(0.2 / 2.0 / damping), rel=0.15)
+    assert rubber.burn_in > RELAXATIONS / damping
+    assert rubber.step > 0.1 / math.sqrt(stiffness)
 
 
 def test_a_force_taken_at_the_ends_of_steps_fails() -> None:

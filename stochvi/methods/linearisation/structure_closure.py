@@ -60,7 +60,7 @@ from stochvi.model.scales import (
     PairScale,
     between,
     motions_of,
-    scales_of,
+    scales_by,
     with_forms,
     with_linear_part,
 )
@@ -461,7 +461,7 @@ def solutions(model: Model, deadline: Deadline = NEVER) -> list[_Solution]:
         Where there is no stationary response; where no law was found before the deadline.
     """
     modes = model.modal
-    rough = scales_of(model, modes, "linearise", compliant=True)
+    rough = scales_by(model, modes, "linearise", compliant=True)
     if rough is None:
         raise NotApplicable(
             "linearise",

@@ -41,7 +41,7 @@ from stochvi.model.build_response import MOST_ENERGY_CHANGE
 from stochvi.model.coverage import free_motion
 from stochvi.model.modal import linear_law
 from stochvi.model.model import model_of
-from stochvi.model.scales import scales_of
+from stochvi.model.scales import scales_by
 from stochvi.results.base import Response
 from stochvi.scenes import Beam, RigidBody
 from stochvi.scenes.datasets import data_folder
@@ -242,7 +242,10 @@ def test_the_start_is_the_answer_where_it_is_exact() -> None:
     scene = matched(Elastic(stiffness=30.0), True, 0.0)
     model = model_of(scene)
     truth = exact(scene).estimates()["stops", "relative_displacement_std"].value
-    soft, hard = (scales_of(model, model.modal, compliant=compliant) for compliant in (True, False))
+    soft, hard = (
+        scales_by(model, model.modal, "linearise", compliant=compliant)
+        for compliant in (True, False)
+    )
     assert soft is not None and hard is not None
     assert soft[1][0].deviation == pytest.approx(truth, rel=1e-9)
     assert hard[1][0].deviation < 0.95 * truth
