@@ -217,8 +217,15 @@ def scales_of_free_motion(
     for pair, gap in zip(model.pairs, modes.gaps, strict=True):
         square, spread = _shaken(modes, law, pair, gap, method), law.variances(gap, 0)
         mean = float(gap @ (modes.rest + law.mean))
-        own = {"slope": mean / spread, "curvature": 1.0 / spread, "deviation": math.sqrt(spread)}
-        scales.append(PairScale(speed=math.sqrt(square), pressing=0.0, **own))
+        scales.append(
+            PairScale(
+                speed=math.sqrt(square),
+                pressing=0.0,
+                slope=mean / spread,
+                curvature=1.0 / spread,
+                deviation=math.sqrt(spread),
+            )
+        )
     return law, tuple(scales)
 
 
