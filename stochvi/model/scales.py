@@ -64,7 +64,7 @@ def scales_of(
     """A linear law close to the stationary one, and the scales of each pair; None if none is found.
 
     Compliant stops are treated as rigid ones with their restitution. Where the mass sinks deeper
-    into them than their play is wide, no rigid stop is like them, and the energy that they store
+    into them than their play is wide, no rigid stop is like them. The energy that they store then
     gives the law.
     """
     rigid = scales_by(model, modes, method, compliant=False)

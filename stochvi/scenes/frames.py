@@ -168,7 +168,7 @@ def _columns(values: Any) -> tuple[list[Column], Column | None]:
 
 
 def _label(name: Any) -> str:
-    """The name of a column; of several levels, the names of all."""
+    """The name of a column, or those of all its levels."""
     return " ".join(map(str, name)) if isinstance(name, tuple) else str(name)
 
 
