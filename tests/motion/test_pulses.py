@@ -817,8 +817,8 @@ def test_damage_takes_shocks_and_other_methods_refuse_them() -> None:
 
 test_wrong_keys_are_named = refusals(
     lambda keys: shaken_of_shocks({"kind": "pulses", "rate": 1.0} | keys),
-    ({}, "needs exactly one of impulse, shape and file, got none"),
-    ({"impulse": 1.0, "shape": "half-sine"}, "needs exactly one of impulse, shape and file"),
+    ({}, "needs exactly one of impulse, shape, file and values, got none"),
+    ({"impulse": 1.0, "shape": "half-sine"}, "exactly one of impulse, shape, file and values"),
     ({"shape": "half-sine"}, "needs duration and amplitude with shape"),
     ({"impulse": 1.0, "duration": 0.01}, "has duration, which does not go with impulse"),
     ({"shape": "square", "duration": 0.01, "amplitude": 1.0}, "shape"),
