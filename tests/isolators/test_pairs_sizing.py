@@ -534,7 +534,7 @@ def test_the_command_sizes_a_box(stochvi: Run, tmp_path: Path) -> None:
     made = document["made"]["corner 1"]["value"]
     assert f"Make {1e3 * made:.1f} mm at corner 1, " in done.err and "pair by pair" not in done.err
     page = (tmp_path / "report.html").read_text()
-    assert "largest of each column over the whole region" in page and "the box bounces" in page
+    assert "the largest of each column over the region" in page and "the box bounces" in page
     assert [mode["frequency_hz"] for mode in document["box"]["modes"]] == pytest.approx(
         load_scene(scene).structure.natural_frequency_hz.tolist()
     )
