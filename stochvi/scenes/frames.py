@@ -42,9 +42,50 @@ class Frame:
     def __init__(self, columns: Matrix, names: Sequence[str], indexed: bool = False) -> None:
         self.columns, self.names, self.indexed = columns, tuple(names), indexed
         digest = hashlib.sha256(repr((self.names, columns.shape)).encode())
-        digest.update(columns.astype("<f8").tobytes())
+        digest.update(np.ravel(columns).astype("<f8", copy=False).data)
         self.digest = f"sha256:{digest.hexdigest()}"
         KNOWN[id(self)] = self
+
+    @classmethod
+    def of(cls, values: Any) -> Frame:
+        """The columns of whatever holds numbers.
+
+        Parameters
+        ----------
+        values
+            An array, a list, a Series, a frame of pandas or xarray, or a dictionary of columns; or
+            the digest of a frame that a scene of this process holds.
+
+        Raises
+        ------
+        SceneError
+            If it does not hold real numbers in rows and columns.
+
+        Examples
+        --------
+        >>> frame = Frame.of({"time (s)": [0.0, 0.5], "acc (g)": [1.0, -1.0]})
+        >>> frame.names, frame.columns.tolist()
+        (('time (s)', 'acc (g)'), [[0.0, 1.0], [0.5, -1.0]])
+        """
+        if isinstance(values, Frame):
+            return values
+        if isinstance(values, str):
+            held = next((each for each in list(KNOWN.values()) if each.digest == values), None)
+            if held is None:
+                raise SceneError(
+                    f"must be numbers, got {values[:19]!r}, the digest of numbers that only the "
+                    "process had which made the scene; give them again, or write them to a file"
+                )
+            return held
+        named, index = _columns(values)
+        parts = [part for part in (index, *named) if part is not None]
+        numbers = [_numbers(part, name) for name, part in parts]
+        if len(lengths := {len(each) for each in numbers}) != 1:
+            raise SceneError(f"must hold columns of one length, got lengths {sorted(lengths)}")
+        columns = np.column_stack(numbers)
+        if len(columns) < 2:
+            raise SceneError(f"must hold at least two rows, got {len(columns)}")
+        return cls(columns, [_heading(name, part) for name, part in parts], index is not None)
 
     suffix = ""
     """No ending of a name tells a format."""
@@ -88,47 +129,6 @@ class Frame:
 
 ARRAY = "array"
 """What messages call a frame, where they would name a file."""
-
-
-def frame_of(values: Any) -> Frame:
-    """The columns of whatever holds numbers.
-
-    Parameters
-    ----------
-    values
-        An array, a list, a Series, a frame of pandas or xarray, or a dictionary of columns. It may
-        also be the digest of a frame that a scene of this process holds.
-
-    Raises
-    ------
-    SceneError
-        If it does not hold real numbers in rows and columns.
-
-    Examples
-    --------
-    >>> frame = frame_of({"time (s)": [0.0, 0.5], "acc (g)": [1.0, -1.0]})
-    >>> frame.names, frame.columns.tolist()
-    (('time (s)', 'acc (g)'), [[0.0, 1.0], [0.5, -1.0]])
-    """
-    if isinstance(values, Frame):
-        return values
-    if isinstance(values, str):
-        held = next((each for each in list(KNOWN.values()) if each.digest == values), None)
-        if held is None:
-            raise SceneError(
-                f"must be numbers, got {values[:19]!r}, the digest of numbers that only the "
-                "process had which made the scene; give them again, or write them to a file"
-            )
-        return held
-    named, index = _columns(values)
-    parts = [part for part in (index, *named) if part is not None]
-    numbers = [_numbers(part, name) for name, part in parts]
-    if len(lengths := {len(each) for each in numbers}) != 1:
-        raise SceneError(f"must hold columns of one length, got lengths {sorted(lengths)}")
-    columns = np.column_stack(numbers)
-    if len(columns) < 2:
-        raise SceneError(f"must hold at least two rows, got {len(columns)}")
-    return Frame(columns, [_heading(name, part) for name, part in parts], index is not None)
 
 
 Column = tuple[str, Any]
@@ -202,7 +202,7 @@ def _heading(name: str, part: Any) -> str:
 
 
 Values = Annotated[
-    SkipJsonSchema[Any], BeforeValidator(frame_of), PlainSerializer(lambda frame: frame.digest)
+    SkipJsonSchema[Any], BeforeValidator(Frame.of), PlainSerializer(lambda frame: frame.digest)
 ]
 """Numbers in the place of a file, which the document of a scene knows by their digest."""
 
@@ -227,6 +227,6 @@ def source_of(keys: Any) -> tuple[str, Path | Frame] | None:
     if keys.get("values") is None:
         return None
     try:
-        return "values", frame_of(keys["values"])
+        return "values", Frame.of(keys["values"])
     except SceneError as error:
         raise SceneError([("values", text) for _, text in error.problems]) from None

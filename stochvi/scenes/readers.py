@@ -13,7 +13,7 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
@@ -36,7 +36,6 @@ from stochvi.scenes.text_tables import (
     TextTable,
     check_file,
     read_text_table,
-    table_of_columns,
     unit_in,
 )
 
@@ -309,9 +308,10 @@ OF_PACKAGES: Parts[Reader] = Parts("readers", {}, _reader_called)
 def _table_of_package(path: Path, ending: str, names: Sequence[str]) -> TextTable:
     check_file(path, LARGEST_DATA_FILE)
     try:
-        return table_of_columns(path, OF_PACKAGES[ending](path), names)
-    except SceneError:
-        raise
+        return replace(Frame.of(OF_PACKAGES[ending](path)).table(names), path=path)
+    except SceneError as error:
+        told = str(error)
+        raise SceneError(told if str(path) in told else f"{path} {told}") from None
     except Exception as error:
         raise SceneError(
             f"{path} was not read by {origin_of(OF_PACKAGES[ending])}, which reads .{ending} "

@@ -1282,9 +1282,9 @@ class Scene(Checked):
         least = float(np.min(given_))
         remedy = f": {least:g} N/mm are {1000.0 * least:g} N/m" if few else ""
         return [
-            f"the natural frequency {highest if few else lowest:.3g} Hz is none of a mount of "
-            f"equipment ({MOUNTED[0]:g} to {MOUNTED[1]:g} Hz): a stiffness is in N/m and a mass in "
-            f"kg{remedy}"
+            f"the natural frequency {highest if few else lowest:.3g} Hz lies outside those of "
+            f"mounts of equipment ({MOUNTED[0]:g} to {MOUNTED[1]:g} Hz); stiffness is in N/m and "
+            f"mass in kg{remedy}"
         ]
 
     def _reaction(self) -> tuple[str, ...]:

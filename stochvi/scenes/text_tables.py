@@ -11,7 +11,7 @@ import math
 import re
 from array import array
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.units import DENSITIES, DIMENSIONS, Unit, unit
@@ -950,17 +950,6 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
     ):  # fmt: skip
         return plain
     return _table_of(path, decoded(path, largest), names)
-
-
-def table_of_columns(
-    path: Path, columns: Mapping[str, ArrayLike], names: Sequence[str]
-) -> TextTable:
-    """The table of columns by their headings, as a text file that held them would be read."""
-    rows = np.column_stack([np.asarray(each, dtype=float) for each in columns.values()])
-    first = "\t".join(map(repr, rows[0].tolist()))
-    heading = "\t".join(" ".join(str(each).split()) for each in columns)
-    part = _table_of(path, f"{heading}\n{first}\n{first}\n", names)
-    return replace(part, lines=PlainRows(part.lines[0], len(rows)), values=rows)
 
 
 class PlainRows(Sequence[tuple[int, str]]):

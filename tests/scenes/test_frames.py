@@ -125,6 +125,6 @@ def test_documents_hold_the_digest_of_a_record_and_find_it_in_their_process() ->
 def test_arrays_load_no_package() -> None:
     asked = (
         "import sys, numpy as np\nfrom stochvi.scenes import frames\n"
-        "frames.frame_of(np.ones(9))\nassert not {'pandas', 'xarray'} & set(sys.modules)"
+        "frames.Frame.of(np.ones(9))\nassert not {'pandas', 'xarray'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", asked], check=True)

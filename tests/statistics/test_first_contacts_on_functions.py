@@ -147,7 +147,7 @@ def test_pieces_of_a_mount_without_functions_are_its_motion() -> None:
     plain = model_of(scene.replace(structure=Isolator(mass=10.0, stiffness=2e4, damping=60.0)))
     like = pieces_of(scene)
     pieces = replace(like, model=plain)
-    assert pieces.window == pytest.approx(like.window, rel=0.05)
+    assert pieces.window == pytest.approx(like.window, rel=1e-9)
     assert pieces.moving.tolist() == [0]
     numbers = pieces.fresh(0).records[:4]
     samples = pieces.plan.samples

@@ -730,7 +730,8 @@ class ChangedMissions:
     def changed(self, changes: Changes) -> Joint:
         """The hazard of the mission with changes of mount and level, by linear theory."""
         mount = tuple(each for each in changes if each.quantity != "level")
-        gain = math.prod(math.sqrt(power_ratio(each.amount)) for each in changes[len(mount) :])
+        levels = [each.amount for each in changes if each.quantity == "level"]
+        gain = math.sqrt(power_ratio(sum(levels)))
         found = {}
         for name, phase in self.phases.items():
             if mount and (name, mount) not in self._known:

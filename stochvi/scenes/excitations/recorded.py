@@ -190,9 +190,7 @@ class RecordedNoise(DensityNoise):
     @property
     def record_name(self) -> str:
         """The name of its file, or of its values."""
-        return (
-            Path(self.file).name if self.file is not None else str(self.values and self.values.name)
-        )
+        return Path(str(self.file)).name if self.values is None else self.values.name
 
     @property
     def record(self) -> Record:

@@ -15,7 +15,6 @@ from stochvi.isolators.sizing.answer import (
     places_in_words,
     sides_in_words,
 )
-from stochvi.isolators.tolerances import Tolerances
 from stochvi.mathematics.units import ACCELERATION, LENGTH, SPEED, spoken_mission
 from stochvi.results.base import rows_of
 from stochvi.results.estimates import spoken_percent
@@ -110,8 +109,8 @@ def _place(found: ClearanceAnswer) -> list[Fact]:
     sides = sides_in_words(found.hanging, found.clearances)
     enough = within = stated = sigmas = ""
     interval = f"{limits_of(c.lower, c.upper)} (95 % of the calculation)"
-    if isinstance(found, SizedWithin) and found.allowed != Tolerances():
-        within, stated = f"within {found.allowed.in_words()}; ", "without tolerances; "
+    if isinstance(found, SizedWithin) and found.within:
+        within, stated = f"{found.within.lstrip()}; ", "without tolerances; "
     if isinstance(found, Sizing):
         sigmas = f", {c.value / found.sigma:.2f} sigma"
         if found.kept_with is not None:
