@@ -86,7 +86,7 @@ KINDS = {
 }
 """Shipped scenes that `new` copies, by the kind that --kind names."""
 
-ON_MOUNTS = {
+MOUNTS = {
     "mass": ("Mass of the equipment", "kg", "12 kg"),
     "mounts": ("Number of mounts", "", "4"),
     "stiffness": ("Stiffness of one mount", "N/m", "17 N/mm"),
@@ -95,9 +95,9 @@ ON_MOUNTS = {
 """Numbers of equipment on its mounts: the question, the unit, and a usual value."""
 
 OWN_NUMBERS = {
-    "mission": ON_MOUNTS,
-    "wire-rope": ON_MOUNTS | {"zeta": ("Damping ratio in large motions, beside the loop", "", "0.1")},
-    "box": ON_MOUNTS | {"size": ("Length, width and height", "m", "400mm,300mm,200mm")},
+    "mission": MOUNTS,
+    "wire-rope": MOUNTS | {"zeta": ("Damping ratio in large motions, beside the loop", "", "0.1")},
+    "box": MOUNTS | {"size": ("Length, width and height", "m", "400mm,300mm,200mm")},
 }
 """Kinds that `new` writes with numbers of the user, and these numbers."""
 
@@ -287,7 +287,7 @@ def _with_numbers(kind: str, given: dict[str, str | None]) -> str:
         except ValueError as error:
             raise ValueError(f"--{name} {error}") from None
     fields = {name: f"{values[0]:.6g}" for name, values in numbers.items()}
-    (mass, mounts, stiffness, zeta) = (numbers[name][0] for name in ON_MOUNTS)
+    (mass, mounts, stiffness, zeta) = (numbers[name][0] for name in MOUNTS)
     if mounts < 1 or mounts != int(mounts):
         raise ValueError(f"--mounts must be a whole number from 1 on, got {mounts:g}")
     fields |= {"soft": f"{0.25 * stiffness:.6g}", "slips": f"{0.75 * stiffness:.6g}"}
