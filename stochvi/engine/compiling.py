@@ -15,6 +15,7 @@ import time
 import uuid
 import warnings
 import zlib
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from enum import Enum
@@ -96,11 +97,13 @@ class Ingredients:
         self._generic: list[Any] = []
         self._classes: list[type] = [object]
         self._running = running
+        self._ahead: deque[tuple[FunctionType, dict[str, Any], bool]] = deque()
 
     def digest(self) -> str:
         """Return the digest of all that was added, with the functions that its classes choose."""
         tried: set[tuple[int, type]] = set()
         while True:
+            self._read_functions()
             # a function that is chosen may name further classes and generic functions
             pairs = [
                 (generic, kind)
@@ -116,11 +119,9 @@ class Ingredients:
                 if base is not None:
                     self._tell("chosen", base.__module__, base.__qualname__)
                     chosen = generic.made_of[base]
-                    running = self._running
-                    self._running = isinstance(chosen, tuple)  # these run while numba compiles
-                    for function in chosen if self._running else (chosen,):
-                        self.function(function)
-                    self._running = running
+                    running = isinstance(chosen, tuple)  # these run while numba compiles
+                    for function in chosen if running else (chosen,):
+                        self._ahead.append((function, function.__globals__, running))
 
     def add(self, value: Any) -> None:
         """Add a value that a function names."""
@@ -148,9 +149,7 @@ class Ingredients:
             self._tell("generic", value.__module__, value.__qualname__)
             self._generic.append(value)
         elif hasattr(value, "_defn"):  # numba's `intrinsic`, whose functions run while it compiles
-            running, self._running = self._running, True
-            self.function(value._defn)
-            self._running = running
+            self._ahead.append((value._defn, value._defn.__globals__, True))
         elif isinstance(value, FunctionType):
             if _package(value) in BY_NAME:
                 self._tell(value.__module__, value.__qualname__)
@@ -177,13 +176,19 @@ class Ingredients:
 
     def function(self, function: FunctionType, *, globals: bool = True) -> None:
         """Add the instructions of a function, its closure, and the `globals` that it names."""
-        self._tell("function", function.__module__, function.__name__)
-        if function.__module__ in MAIN:
-            self._hinder(function, "is defined in __main__; put it into a module")
-        self.add(function.__defaults__)
-        for cell in function.__closure__ or ():
-            self.add(cell.cell_contents)
-        self._code(function.__code__, function.__globals__ if globals else {}, function.__doc__)
+        self._ahead.append((function, function.__globals__ if globals else {}, self._running))
+
+    def _read_functions(self) -> None:
+        # one after the other: chains of calls are longer than Python's stack should be
+        while self._ahead:
+            function, names, self._running = self._ahead.popleft()
+            self._tell("function", function.__module__, function.__name__)
+            if function.__module__ in MAIN:
+                self._hinder(function, "is defined in __main__; put it into a module")
+            self.add(function.__defaults__)
+            for cell in function.__closure__ or ():
+                self.add(cell.cell_contents)
+            self._code(function.__code__, names, function.__doc__)
 
     def signature(self, arguments: Iterable[Type]) -> None:
         """Add the types of arguments, and the classes of the named tuples among them."""

@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -15,7 +15,6 @@ import scipy
 from stochvi.mathematics.numerics import Matrix, Vector, Waves
 from stochvi.mathematics.spectra import Force, InputMatrix
 from stochvi.mathematics.units import LENGTH
-from stochvi.methods.replay.recorded_motion import RecordOnStructure, records_of, shaking_of
 from stochvi.model.coverage import nonlinear
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import plain
@@ -23,6 +22,9 @@ from stochvi.scenes.excitations import RecordedNoise
 from stochvi.scenes.records import cut_off
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import MOTIONS, RigidBody
+
+if TYPE_CHECKING:
+    from stochvi.methods.replay.recorded_motion import RecordOnStructure
 
 # ------------------------------------------------------------------------------
 # The motion of gaps of a linear structure under measured records, where nothing is hit.
@@ -467,6 +469,8 @@ def record_verdict(scene: Scene) -> RecordVerdict | None:
     """
     if not any(isinstance(each, RecordedNoise) for each in scene.excitations):
         return None
+    from stochvi.methods.replay.recorded_motion import records_of
+
     model = model_of(scene)
     if nonlinear(model) or not np.all(model.modal.squares > 0.0):
         return None
@@ -555,6 +559,8 @@ def _motions(
     model: Model, poles: GapPoles, records: Sequence[RecordOnStructure]
 ) -> list[tuple[FreeResponse, ...]]:
     """The motion of every gap in all segments of the records."""
+    from stochvi.methods.replay.recorded_motion import shaking_of
+
     segments = [poles.response(each.forces, each.step) for each in shaking_of(records, model)]
     return list(zip(*segments, strict=True))
 

@@ -26,7 +26,7 @@ from stochvi.mathematics.units import (
     shown_as,
 )
 from stochvi.mathematics.unsteady_noise import MovingMean, Sines
-from stochvi.methods.linearisation import linearise
+from stochvi.methods import linearisation
 from stochvi.methods.monte_carlo import simulate
 from stochvi.model.coverage import FreeMotion, at_rest, free_motion, natural_modes, scene_notes
 from stochvi.model.modal import absolute_accelerations
@@ -990,7 +990,7 @@ def _closure_rates(
     """Impacts per second on each pair by the moment closure; none where it finds no solution in a
     share of the time that is left."""
     try:
-        found = linearise(scene, budget=deadline.part(share)).impact_pairs
+        found = linearisation.linearise(scene, budget=deadline.part(share)).impact_pairs
     except (NotConverged, Interrupted, NotApplicable):  # hysteresis between stops has no closure
         return {}
     return {name: _value(hits.collision_rate) for name, hits in found.items()}

@@ -33,7 +33,6 @@ from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody
 from stochvi.scenes.validation import in_toml, moved
 from stochvi.statistics.crossings import own_distances, rice_rate
-from stochvi.statistics.damage import Damage
 from stochvi.statistics.hardness import hardness_of
 from stochvi.statistics.trial_splitting import without_peaks
 
@@ -41,6 +40,7 @@ if TYPE_CHECKING:
     from stochvi.isolators.production_risk import Production
     from stochvi.mathematics.spectra import Table
     from stochvi.scenes.scene import ImpactPair
+    from stochvi.statistics.damage import Damage
 
 
 # ------------------------------------------------------------------------------

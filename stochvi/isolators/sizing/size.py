@@ -60,7 +60,6 @@ from stochvi.scenes.phases import Phase, steps_of_bands
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.validation import varied
 from stochvi.statistics.crossings import FirstCrossings, PairMotion, one_gap, rice_rate
-from stochvi.statistics.damage import Damage, damage
 from stochvi.statistics.free_flights import is_followed, linearised, windows_over
 from stochvi.statistics.hardness import limits_in
 from stochvi.statistics.hazards import KNOWN, Hazard, HazardCurve, joined, place_of, slope_of
@@ -77,6 +76,7 @@ from stochvi.statistics.trial_splitting import DEPTH, has_fast_peaks, hazard_cur
 
 if TYPE_CHECKING:
     from stochvi.isolators.tolerances import Spread
+    from stochvi.statistics.damage import Damage
 
 
 # ------------------------------------------------------------------------------
@@ -933,6 +933,8 @@ def size_by_damage(
         unmet = ["damage_ratio needs an impact_pair, for its law"]
     if unmet:
         raise NotApplicable("size", unmet)
+    from stochvi.statistics.damage import damage
+
     names = [pair.name for pair in model.pairs]
     sigmas, _ = free_motion(model).deviations(np.array([pair.direction for pair in model.pairs]))
     if still := unshaken(dict(zip(names, sigmas.tolist(), strict=True))):

@@ -22,27 +22,6 @@ damping lets impacts come in clusters. Between two stops it is the closure with 
 `model/build_response.py`.
 """
 
-from stochvi.methods.linearisation.array_closure import Linearised, linearise_many
-from stochvi.methods.linearisation.one_form import (
-    FORMS,
-    VARIANTS,
-    LinearisedOscillator,
-    LinearisedStructure,
-    linearise,
-    linearise_all,
-    linearised_oscillators,
-    linearised_structures,
-)
+import lazy_loader
 
-__all__ = [
-    "FORMS",
-    "VARIANTS",
-    "Linearised",
-    "LinearisedOscillator",
-    "LinearisedStructure",
-    "linearise",
-    "linearise_all",
-    "linearise_many",
-    "linearised_oscillators",
-    "linearised_structures",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,21 +1,5 @@
 """Response, fatigue and shocks of equipment at a place of a scene, with its stops and without."""
 
-from stochvi.statistics.damage.assessment import damage
-from stochvi.statistics.damage.equipment import (
-    Damage,
-    Equipment,
-    EquipmentSpectra,
-    Shocks,
-    SpectrumValues,
-    TailoredTest,
-)
+import lazy_loader
 
-__all__ = [
-    "Damage",
-    "Equipment",
-    "EquipmentSpectra",
-    "Shocks",
-    "SpectrumValues",
-    "TailoredTest",
-    "damage",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

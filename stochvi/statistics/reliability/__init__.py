@@ -1,6 +1,5 @@
 """How likely a mission is to go wrong: crude Monte Carlo, splitting, or first crossings."""
 
-from stochvi.statistics.reliability.missions import Chance, Reliability
-from stochvi.statistics.reliability.risk import reliability
+import lazy_loader
 
-__all__ = ["Chance", "Reliability", "reliability"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
