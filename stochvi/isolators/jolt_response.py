@@ -29,7 +29,7 @@ from stochvi.results.estimates import (
     poisson_interval,
     provenance,
 )
-from stochvi.sampling.calculations import GivenUp, calculation, given_up_after
+from stochvi.sampling.calculations import GivenUp, Random, calculation, given_up_after
 from stochvi.scenes.excitations import BASE, Sine
 from stochvi.scenes.scene import Scene
 
@@ -223,6 +223,7 @@ def perturbations(
     paths: int = 64,
     duration: float | None = None,
     seed: int = 0,
+    rng: Random = None,
     budget: float | None = None,
     progress: Progress | None = None,
 ) -> Jolts:
@@ -243,8 +244,9 @@ def perturbations(
         Number of paths for each perturbation.
     duration
         Seconds after the perturbation; by default 100 windows of 10 periods.
-    seed
-        Seed of the random numbers: the same seed gives the same digits.
+    seed, rng
+        Seed of the random numbers: the same seed gives the same digits. Or what draws one, a
+        Generator of numpy.
     budget
         Seconds of wall time, without that in which kernels are compiled; None for no limit.
     progress

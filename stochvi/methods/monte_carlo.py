@@ -69,6 +69,7 @@ from stochvi.results.estimates import (
 from stochvi.sampling.calculations import (
     FEWEST_AT_ONCE,
     FULL_LANES,
+    Random,
     SamplingOptions,
     calculation,
     check_options,
@@ -947,6 +948,7 @@ def record_path(
     *,
     duration: float,
     seed: int = 0,
+    rng: Random = None,
     path: int = 0,
     step: float | None = None,
     budget: float | None = None,
@@ -964,8 +966,9 @@ def record_path(
         The scene.
     duration
         Seconds of each path after burn-in.
-    seed
-        Seed of the random numbers: the same seed gives the same digits.
+    seed, rng
+        Seed of the random numbers: the same seed gives the same digits. Or what draws one, a
+        Generator of numpy.
     path
         Number of the path.
     step
@@ -1026,6 +1029,7 @@ def record_paths(
     duration: float,
     paths: int,
     seed: int = 0,
+    rng: Random = None,
     first_path: int = 0,
     budget: float | None = None,
 ) -> tuple[float, list[DataFrame]]:
@@ -1041,8 +1045,9 @@ def record_paths(
         Seconds of each path after burn-in.
     paths
         Number of paths.
-    seed
-        Seed of the random numbers: the same seed gives the same digits.
+    seed, rng
+        Seed of the random numbers: the same seed gives the same digits. Or what draws one, a
+        Generator of numpy.
     first_path
         Number of the first path.
     budget
@@ -1107,7 +1112,12 @@ class Prospect:
 
 @calculation
 def prospect(
-    scene: Scene, *, threads: int | None = None, seed: int = 0, budget: float | None = None
+    scene: Scene,
+    *,
+    threads: int | None = None,
+    seed: int = 0,
+    rng: Random = None,
+    budget: float | None = None,
 ) -> Prospect:
     """Predict the cost of `simulate` from a pilot run.
 
@@ -1121,8 +1131,9 @@ def prospect(
         The scene.
     threads
         Number of threads; by default all cores.
-    seed
-        Seed of the random numbers: the same seed gives the same digits.
+    seed, rng
+        Seed of the random numbers: the same seed gives the same digits. Or what draws one, a
+        Generator of numpy.
     budget
         Seconds that the pilot may take; `PILOT_SECONDS` at most.
 

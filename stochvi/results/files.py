@@ -162,8 +162,9 @@ MOST_LISTED = 20
 SECONDS_OF_GIT = 2.0
 """Seconds within which git must name the commit of a checkout."""
 
-UNRECORDED = ("scene", "progress")
-"""Arguments that the record of a call leaves out: the scene stands beside it."""
+UNRECORDED = ("scene", "progress", "rng")
+"""Arguments that the record of a call leaves out: the scene stands beside it, and the seed that was
+drawn."""
 
 
 def call_of(function: str, arguments: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, Generic, ParamSpec, TypedDict, TypeVar
+from typing import Any, Generic, ParamSpec, TypeAlias, TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,18 +66,20 @@ CHECKS["Scene"] = _check_scene
 def calculation(function: Callable[P, T]) -> Callable[P, T]:
     """A public calculation.
 
-    Before it begins, its scene and its plain arguments are checked against their annotations. Its
-    progress is shown in a notebook, with the compiling of kernels. A `budget` that is long over
+    Before it begins, its scene and its plain arguments are checked against their annotations. It
+    never sees an `rng`, but the `seed` that this draws. Its progress is shown in a notebook, with
+    the compiling of kernels. A `budget` that is long over
     ends it (see `ended_by`); messages name this budget also where a part of it has run out. An
     answer, also one that falls short, records the call in its provenance.
     """
     check, signature = argument_checker(function), inspect.signature(function)
     parameters = signature.parameters
     budget = parameters.get("budget")
+    draws = "rng" in signature_of(function).parameters
 
     @functools.wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> T:
-        bound = check(*args, **kwargs)
+        bound = check(*args, **(with_drawn_seed(kwargs) if draws else kwargs))
         given = bound.arguments
         with ExitStack() as around:
             # what an answer says of its calculation does not depend on who reads it
@@ -393,6 +395,15 @@ BUDGET = 60.0
 """Seconds that a calculation may take unless `budget` says otherwise."""
 
 
+DRAWN_BELOW = 2**53
+"""Bound of a seed that is drawn: JSON readers keep a whole number below it to its last digit."""
+
+Random: TypeAlias = (
+    "np.random.Generator | np.random.BitGenerator | np.random.SeedSequence | int | None"
+)
+"""What draws a seed, as `numpy.random.default_rng` takes it."""
+
+
 class WorkOptions(TypedDict, total=False):
     """How a calculation is run; none of these has an effect on its digits.
 
@@ -435,9 +446,12 @@ class RunOptions(WorkOptions, total=False):
     seed
         Seed of the random numbers, 0 if left out. The streams belong to (seed, path): the same
         seed gives the same digits on any number of threads, and on machines of one kind.
+    rng
+        Whatever `numpy.random.default_rng` takes, in the place of a seed: it draws the seed.
     """
 
     seed: int | None
+    rng: Random
 
 
 class AccuracyOptions(RunOptions, total=False):
@@ -474,7 +488,7 @@ class SamplingOptions(AccuracyOptions, total=False):
 
 
 DEFAULTS: dict[str, Any] = {
-    "rel_error": None, "paths": None, "duration": None, "seed": 0, "threads": None,
+    "rel_error": None, "paths": None, "duration": None, "seed": 0, "rng": None, "threads": None,
     "executor": None, "budget": BUDGET, "progress": None, "checkpoint": None,
     "checkpoint_interval": 1.0, "resume": None,
 }  # fmt: skip
@@ -487,9 +501,10 @@ KINDS: dict[str, Any] = {
 
 WITHOUT_DIGITS = (
     "threads", "executor", "budget", "progress", "checkpoint", "checkpoint_interval", "resume",
-    "out",
+    "out", "rng",
 )  # fmt: skip
-"""Options on which no digit of an answer depends: a run may go on with others."""
+"""Options on which no digit of an answer depends, beside the seed that `rng` has drawn: a run may
+go on with others."""
 
 
 def signature_of(function: Callable[..., Any], **defaults: Any) -> inspect.Signature:
@@ -500,6 +515,8 @@ def signature_of(function: Callable[..., Any], **defaults: Any) -> inspect.Signa
     if last.kind is not inspect.Parameter.VAR_KEYWORD:
         return signature
     kind = last.annotation.removeprefix("Unpack[").removesuffix("]")
+    if kind not in KINDS:  # keys of something else
+        return signature
     annotations = KINDS[kind].__annotations__  # with those of the kinds that it extends
     options = [
         inspect.Parameter(
@@ -509,6 +526,27 @@ def signature_of(function: Callable[..., Any], **defaults: Any) -> inspect.Signa
         for name, each in annotations.items()
     ]  # fmt: skip
     return signature.replace(parameters=[*named, *options])
+
+
+def with_drawn_seed(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments with the seed that their `rng` draws, if there is one, in its place.
+
+    >>> with_drawn_seed({"rng": np.random.default_rng(1), "paths": 8})
+    {'paths': 8, 'seed': 4610079356560476}
+    """
+    rest = {name: each for name, each in given.items() if name != "rng"}
+    rng = given.get("rng")
+    if rng is None:
+        return rest
+    if rest.get("seed") is not None:
+        raise ValueError("give seed or rng, not both")
+    try:
+        return rest | {"seed": int(np.random.default_rng(rng).integers(DRAWN_BELOW))}
+    except (TypeError, ValueError):
+        raise ValueError(
+            "rng must be a Generator or SeedSequence of numpy, or what default_rng makes one of, "
+            f"got {shown(rng)}"
+        ) from None
 
 
 def check_options(given: Mapping[str, Any]) -> None:

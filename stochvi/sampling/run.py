@@ -29,6 +29,7 @@ from stochvi.sampling.calculations import (
     check_options,
     more_paths,
     signature_of,
+    with_drawn_seed,
 )
 from stochvi.sampling.checkpoints import (
     Checkpoint,
@@ -297,9 +298,9 @@ def sampled(calculate: Any = None, **defaults: Any) -> Any:
 
     @functools.wraps(calculate)
     def run(*args: Any, **given: Any) -> Any:
-        bound = bound_to(signature, calculate.__name__.lstrip("_"), *args, **given)
+        bound = bound_to(signature, calculate.__name__.lstrip("_"), *args, **with_drawn_seed(given))
         bound.apply_defaults()
-        named = dict(bound.arguments)
+        named = {name: each for name, each in bound.arguments.items() if name != "rng"}
         named |= {name: each for name, each in defaults.items() if named[name] is None}
         if "seed" in named:
             named["seed"] = named["seed"] or 0

@@ -29,7 +29,7 @@ from stochvi.motion.white import WhitePlan
 from stochvi.results.base import ROTATIONS, DataFrame, Quantities, Result, frame_of, stacked, stated
 from stochvi.results.errors import MOST_NUMBERS, NotApplicable
 from stochvi.results.estimates import Cost, provenance
-from stochvi.sampling.calculations import calculation, check_options
+from stochvi.sampling.calculations import Random, calculation, check_options
 from stochvi.scenes.excitations import BASE
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
@@ -352,6 +352,7 @@ def history(
     *,
     duration: float,
     seed: int = 0,
+    rng: Random = None,
     path: int = 0,
     rate: float | None = None,
     budget: float | None = None,
@@ -372,6 +373,8 @@ def history(
         Length, s.
     seed, path
         Which realisation is wanted: the same two numbers give the same digits.
+    rng
+        What draws the seed in its place, a Generator of numpy.
     rate
         Samples per second. The step of the simulation if not given; every k-th step where it is
         lower, k the largest that keeps the rate; a finer simulation where it is higher.

@@ -35,7 +35,7 @@ from stochvi.results.estimates import (
     satterthwaite_degrees,
     student_quantile,
 )
-from stochvi.sampling.calculations import calculation, check_options
+from stochvi.sampling.calculations import Random, calculation, check_options
 from stochvi.scenes.datasets import zoo_files
 from stochvi.scenes.excitations import BASE, RecordedNoise, TabulatedNoise
 from stochvi.scenes.scene import Scene, load_scene
@@ -204,6 +204,7 @@ def check(
     *,
     rel_error: float = 0.003,
     seed: int = 0,
+    rng: Random = None,
     threads: int | None = None,
     budget: float | None = 60.0,
     progress: Progress | None = None,
@@ -227,8 +228,9 @@ def check(
         The scene.
     rel_error
         Relative standard error to reach.
-    seed
-        Seed of the random numbers: the same seed gives the same digits.
+    seed, rng
+        Seed of the random numbers: the same seed gives the same digits. Or what draws one, a
+        Generator of numpy.
     threads
         Number of threads; by default all cores.
     budget
@@ -731,6 +733,7 @@ def check_many(
     *,
     rel_error: float = 0.01,
     seed: int = 0,
+    rng: Random = None,
     threads: int | None = None,
     budget: float | None = None,
     progress: Progress | None = None,
@@ -745,7 +748,7 @@ def check_many(
     ----------
     scenes
         The scenes by name; `zoo()` gives those that ship.
-    rel_error, seed, threads
+    rel_error, seed, rng, threads
         The same arguments as those of `check`.
     budget
         Seconds for the simulations of all scenes together, None for no limit; each may take its

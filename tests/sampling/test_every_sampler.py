@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import json
 import math
 import os
@@ -19,6 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import stochvi
 from stochvi import load_scene, simulate
 from stochvi.absorbers.design import design_absorber
 from stochvi.absorbers.performance import absorber
@@ -32,7 +34,8 @@ from stochvi.model.model import model_of
 from stochvi.motion.choose_plan import ResponseSampler, make_plan
 from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.errors import Interrupted, NotConverged
-from stochvi.sampling.calculations import BUDGET, DEFAULTS, SamplingOptions
+from stochvi.sampling.calculations import BUDGET, DEFAULTS, SamplingOptions, signature_of
+from stochvi.sampling.run import Run
 from stochvi.sampling.workers import WorkerPool, packed, unpacked
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.excitations import Modulation, TabulatedNoise, WhiteNoise
@@ -484,6 +487,50 @@ def test_what_takes_no_tasks_is_refused(sampler: Any) -> None:
 # ------------------------------------------------------------------------------
 # One set of options for everything that samples: in Python, on the command line, on the page.
 # ------------------------------------------------------------------------------
+
+
+class AskedWith(Exception):
+    """The seed with which a sampler begins."""
+
+
+@pytest.mark.parametrize("name", [name for name in SAMPLERS if name != "basins"])
+def test_a_generator_draws_the_seed(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def begins(options: Any) -> Any:
+        raise AskedWith(options["seed"])
+
+    if name == "sensitivity":
+        _answer()  # of which it is asked
+    monkeypatch.setattr(Run, "of", begins)
+    known = np.random.default_rng(5)
+    for rng in [np.random.default_rng(5)] * 2:  # it moves on
+        with pytest.raises(AskedWith, match=f"^{known.integers(2**53)}$"):
+            SAMPLERS[name](rng=rng, seed=None)
+    with pytest.raises(ValueError, match="give seed or rng, not both"):
+        SAMPLERS[name](rng=5, seed=0)
+
+
+def test_its_answer_is_that_of_the_seed_drawn() -> None:
+    asked = {"paths": 64, "duration": 5.0}
+    found = [simulate(BETWEEN, rng=np.random.SeedSequence(5), **asked) for _ in range(2)]
+    seed = found[0].provenance["seed"]
+    assert found[0] == found[1] == simulate(BETWEEN, seed=seed, **asked)
+    assert seed == np.random.default_rng(np.random.SeedSequence(5)).integers(2**53)
+    call = found[0].provenance["call"]["arguments"]
+    assert call["seed"] == seed and "rng" not in call
+    with pytest.raises(ValueError, match="rng must be a Generator"):
+        simulate(BETWEEN, rng="a", **asked)
+
+
+def test_every_public_calculation_with_a_seed_has_it() -> None:
+    """But for those that pass all that they are given on to a method."""
+    found = {
+        name: signature_of(each).parameters
+        for name in stochvi.__all__
+        if inspect.isfunction(each := getattr(stochvi, name))
+    }
+    seeded = {name for name, parameters in found.items() if "seed" in parameters}
+    assert seeded == {name for name, parameters in found.items() if "rng" in parameters}
+    assert {"simulate", "history", "replay", "check", "size", "damage"} <= seeded
 
 
 MOST_PARAMETERS = 8

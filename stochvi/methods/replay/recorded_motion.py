@@ -50,7 +50,7 @@ from stochvi.results.base import (
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import MOST_NUMBERS, Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
-from stochvi.sampling.calculations import calculation
+from stochvi.sampling.calculations import Random, calculation
 from stochvi.scenes.excitations import BASE, ConstantLoad, DensityNoise, RecordedNoise
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import AXES
@@ -457,6 +457,7 @@ def replay(
     clearances: Sequence[float] | None = None,
     *,
     seed: int = 0,
+    rng: Random = None,
     threads: int | None = None,
     budget: float | None = None,
 ) -> Replay:
@@ -480,8 +481,9 @@ def replay(
         Metres per side from the static equilibrium, at each of which the stops of the one impact
         pair are put, with their laws; by default the stops are where the scene has them. A scene
         without stops is replayed without.
-    seed
-        Seed of what is drawn, a whole number from 0; without effect where nothing is.
+    seed, rng
+        Seed of what is drawn, a whole number from 0; without effect where nothing is. Or what draws
+        one, a Generator of numpy.
     threads
         Number of clearances that are replayed at a time, by default all cores.
     budget

@@ -31,7 +31,7 @@ from stochvi.results.estimates import (
     normal_score,
     student_quantile,
 )
-from stochvi.sampling.calculations import calculation, check_options
+from stochvi.sampling.calculations import Random, calculation, check_options
 from stochvi.scenes.scene import Scene
 from stochvi.verification.check import (
     AGREES,
@@ -858,6 +858,7 @@ def judge(
     paths: int = PATHS,
     relaxations: float = RELAXATIONS,
     seed: int = 0,
+    rng: Random = None,
     allowed_percent: float = 0.0,
 ) -> Judgement:
     """Compare an integrator with the exact answers, quantity by quantity.
@@ -889,8 +890,9 @@ def judge(
         under white noise or noise of a tabulated density, whose answer is known.
     paths, relaxations
         Number of paths, and their length in relaxation times of the oscillator.
-    seed
-        Seed of the random numbers: the same seed gives the same digits.
+    seed, rng
+        Seed of the random numbers: the same seed gives the same digits. Or what draws one, a
+        Generator of numpy.
     allowed_percent
         A bias that you find harmless, in per cent of each quantity.
 
