@@ -160,7 +160,7 @@ COMMAND_LINE = "stochvi.command_line"
 
 HELP = {
     "A system between its stops": (
-        "new", "explain", "screen", "size", "reliability", "replay", "damage", "clearance", "sweep",
+        "new", "explain", "explore", "screen", "size", "reliability", "replay", "damage", "clearance", "sweep",
         "absorber", "identify, shocks", "profiles",
     ),
     "Its motion": ("simulate", "impacts", "spectrum", "history", "sine"),

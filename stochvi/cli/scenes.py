@@ -346,3 +346,26 @@ def schema(of: str) -> None:
         from stochvi.cli.answer_schema import answer_schema
 
         write_json(answer_schema(), "-")
+
+
+@main.command()
+@click.argument("scene", required=False)
+@click.option("--no-browser", is_flag=True, help="Print the address, and open nothing.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the simulations.")
+def explore(scene: str | None, no_browser: bool, seed: int) -> None:
+    """Turn the knobs of a scene in the browser, and see what changes.
+
+    The page is served on this machine alone and ends with its last tab, or with Ctrl-C. Without
+    SCENE it begins with a box on a truck.
+    """
+    from stochvi.explore.server import serve
+    from stochvi.explore.turns import Explorer
+    from stochvi.scenes.datasets import shipped_scene
+    from stochvi.scenes.scene import load_scene
+
+    explorer = Explorer(load_scene(scene or shipped_scene("isolator-truck")), seed)
+
+    def tell(address: str) -> None:
+        click.echo(f"Open {address}\nIt ends with its last tab, or with Ctrl-C.")
+
+    serve(explorer, tell, browser=not no_browser)

@@ -1063,6 +1063,7 @@ def size(
     tolerances: Tolerances | None = None,
     spreads: Mapping[str, Spread] | None = None,
     mission: float | None = None,
+    impacts: bool = True,
     **options: Unpack[RiskOptions],
 ) -> Sizing | MissionSizing:
     """The clearance per side that an isolator, or each of several pairs, needs for one target.
@@ -1100,6 +1101,10 @@ def size(
     mission
         Seconds of exposure, from a stationary start, by default an hour; left out where the scene
         has phases, which are sized for a probability.
+    impacts
+        Simulate also how often the stops are hit at the clearance and at three sigma, and how hard.
+        A probability of any impact needs none of that: without it the same clearance, with its
+        curve of risk, takes a third of the time.
     **options
         `RiskOptions`: a limit of the hardest impact of the mission as the target, which is to be
         exceeded with the probability `exceedance` alone; `rel_error` is that of the risk
@@ -1173,7 +1178,7 @@ def size(
         nominal = run.part(0.0, share, deadline=run.deadline.share(share))
     asked = Question(
         target=target, mission=mission, run=nominal, at=at, pair=pair, common=common,
-        tolerances=allowed,
+        tolerances=allowed, impacts=impacts,
     )  # fmt: skip
     found = nominal_sizing(scene, asked)
     return _within_tolerances(found, run) if worst else found
