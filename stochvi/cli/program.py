@@ -160,8 +160,8 @@ COMMAND_LINE = "stochvi.command_line"
 
 HELP = {
     "A system between its stops": (
-        "new", "explain", "explore", "screen", "size", "reliability", "replay", "damage", "clearance", "sweep",
-        "absorber", "identify, shocks", "profiles",
+        "new", "explain", "explore", "screen", "size", "reliability", "replay", "damage",
+        "clearance", "sweep", "absorber", "identify, shocks", "profiles",
     ),
     "Its motion": ("simulate", "impacts", "spectrum", "history", "sine"),
     "Methods and their agreement": (

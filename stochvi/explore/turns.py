@@ -22,7 +22,7 @@ from stochvi.explore.knobs import (
     turned,
 )
 from stochvi.isolators.screening import at_clearances, screen
-from stochvi.isolators.sizing import size
+from stochvi.isolators.sizing import Sizing, size
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import record_path, simulate
 from stochvi.results.errors import StochviError
@@ -129,6 +129,7 @@ class Turn:
             self.scene, probability=self.probability, mission=self.mission, seed=self.seed,
             impacts=False, budget=BUDGET,
         )  # fmt: skip
+        assert isinstance(found, Sizing), "a scene with phases is refused by the explorer"
         clearance = found.clearance
         curve = found.curve[["clearance", "probability", "probability_low", "probability_high"]]
         required = {
@@ -246,11 +247,11 @@ class Explorer:
         self, values: dict[str, Any], profile: str | None, tab: str, number: int
     ) -> Iterator[Message]:
         try:
-            asked = {
-                knob.key: checked(knob, knob.key, values.pop(knob.key, knob.value))
-                for knob in TARGETS
-            }
-            turn = Turn(turned(self.scene, values, profile), **asked, seed=self.seed, id=number)
+            mission, probability = (
+                checked(knob, knob.key, values.pop(knob.key, knob.value)) for knob in TARGETS
+            )
+            scene = turned(self.scene, values, profile)
+            turn = Turn(scene, mission, probability, seed=self.seed, id=number)
         except ValueError as reason:
             raise Refused(str(reason), number) from reason
         if (before := self.latest.pop(tab, None)) is not None:
