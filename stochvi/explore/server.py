@@ -56,6 +56,8 @@ LARGEST = 256 * 1024
 BODY_SECONDS = 10.0
 """Time within which a request has to be read, s."""
 
+TOO_MUCH = f"a request must have at most {LARGEST // 1024} kB and come within {BODY_SECONDS:.0f} s"
+
 LEFT_SECONDS = 10.0
 """Time for which the server stays after its last tab is closed, s: a reload takes less."""
 
@@ -144,7 +146,7 @@ def app_of(explorer: Explorer, port: int, token: str, end: Callable[[], None]) -
     async def ask(request: Request) -> Response:
         body = await body_of(request)
         if body is None:
-            return PlainTextResponse("too much, or too slow", 413, HEADERS)
+            return PlainTextResponse(TOO_MUCH, 413, HEADERS)
         try:
             answers = explorer.answers(json.loads(body))
         except (ValueError, RecursionError) as reason:

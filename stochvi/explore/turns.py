@@ -8,6 +8,7 @@ import math
 import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,10 @@ PERIODS, SAMPLES = 40, 40
 Message = dict[str, Any]
 
 
+class Stale(Exception):
+    """A later turn of the same tab has come, and nobody waits for this one."""
+
+
 class Refused(Exception):
     """What a message asks, or a scene does not allow, in a sentence for the page."""
 
@@ -78,10 +83,17 @@ class Turn:
                 return
             try:
                 found = part()
+            except Stale:
+                return
             except (StochviError, ValueError) as reason:
                 found = {"missing": str(reason)}
             yield {"type": "answer", "id": self.id, "stage": stage, **found}
         yield {"type": "done", "id": self.id}
+
+    def _look(self, *_: Any) -> None:
+        """As the progress of a calculation it ends one for which nobody waits."""
+        if self.stale.is_set():
+            raise Stale
 
     def linear(self) -> Message:
         """The linear motion, and Rice's rate of crossings over clearance."""
@@ -115,7 +127,9 @@ class Turn:
         return {"part": "rate", **self._simulated(PATHS)}
 
     def _simulated(self, paths: int) -> Message:
-        found = simulate(self.scene, paths=paths, seed=self.seed, budget=BUDGET)
+        found = simulate(
+            self.scene, paths=paths, seed=self.seed, budget=BUDGET, progress=self._look
+        )
         pair = found.impact_pairs[self.pair]
         numbers = [
             of("simulated impact rate", pair.collision_rate, "1/s"),
@@ -127,7 +141,7 @@ class Turn:
         """The probability of any impact over clearance, and the clearance that keeps the target."""
         found = size(
             self.scene, probability=self.probability, mission=self.mission, seed=self.seed,
-            impacts=False, budget=BUDGET,
+            impacts=False, budget=BUDGET, progress=self._look,
         )  # fmt: skip
         assert isinstance(found, Sizing), "a scene with phases is refused by the explorer"
         clearance = found.clearance
@@ -161,7 +175,9 @@ class Turn:
             with contextlib.suppress(StochviError):
                 closure = linearise(there, budget=BUDGET).impact_pairs[self.pair].collision_rate
                 found["closure"] = of("closure", closure, "1/s")
-            simulated = simulate(there, paths=FEW_PATHS, seed=self.seed, budget=BUDGET)
+            simulated = simulate(
+                there, paths=FEW_PATHS, seed=self.seed, budget=BUDGET, progress=self._look
+            )
             rate = simulated.impact_pairs[self.pair].collision_rate
             return found | {"simulated": of("simulated", rate, "1/s")}
 
@@ -234,7 +250,7 @@ class Explorer:
 
     def _turn(self, message: Mapping[str, Any]) -> Iterator[Message]:
         values, tab, number = message.get("values"), message.get("tab"), message.get("id")
-        if not isinstance(values, dict) or len(values) > 200 or not isinstance(number, int):
+        if not isinstance(values, dict) or len(values) > 200 or type(number) is not int:
             raise ValueError("a turn must have values, and a whole number for its id")
         if not isinstance(tab, str) or len(tab) > 40:
             raise ValueError("tab must be a short text")
@@ -262,8 +278,12 @@ class Explorer:
         yield from self._worked(turn)
 
     def _worked(self, turn: Turn) -> Iterator[Message]:
-        """The messages of a turn, one turn at work at a time."""
+        """The messages of a turn, one turn at work at a time.
+
+        The first needs no kernel, and waits for no other turn.
+        """
         stages = turn.stages()
+        yield from islice(stages, 1)
         while True:
             with self.work:
                 found = next(stages, None)
