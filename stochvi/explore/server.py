@@ -33,6 +33,7 @@ FILES = {
     "/explore.js": ("explore.js", "text/javascript"),
     "/page.js": ("page.js", "text/javascript"),
     "/explore.css": ("explore.css", "text/css"),
+    "/icon.svg": ("icon.svg", "image/svg+xml"),
     "/uPlot.iife.min.js": ("uPlot.iife.min.js", "text/javascript"),
     "/uPlot.min.css": ("uPlot.min.css", "text/css"),
 }

@@ -86,7 +86,7 @@ class Turn:
             except Stale:
                 return
             except (StochviError, ValueError) as reason:
-                found = {"missing": str(reason)}
+                found = {"part": part.__name__, "missing": str(reason)}
             yield {"type": "answer", "id": self.id, "stage": stage, **found}
         yield {"type": "done", "id": self.id}
 

@@ -15,36 +15,49 @@ const element = (tag, attributes = {}, ...inside) => {
   return made;
 };
 
-function digits(value) {
+function digits(value, count = 3) {
   if (value === 0) return "0";
   const size = Math.abs(value);
-  return size >= 1e5 || size < 1e-3 ? value.toExponential(2) : String(Number(value.toPrecision(3)));
+  return size >= 1e5 || size < 1e-3 ? value.toExponential(count - 1) : String(Number(value.toPrecision(count)));
 }
 
-function spokenTime(seconds) {
-  if (seconds >= 3600) return `${digits(seconds / 3600)} h`;
-  return seconds >= 60 ? `${digits(seconds / 60)} min` : `${digits(seconds)} s`;
+const TIMES = [[3600, "h"], [60, "min"], [1, "s"]];
+
+// the factor from SI units to those that are shown, and their name; a time has the largest that it fills
+function unitOf(unit, system, value) {
+  if (unit !== "s") return UNITS[system][unit] ?? [1, unit];
+  const [seconds, name] = TIMES.find(([each]) => value >= each) ?? TIMES[2];
+  return [1 / seconds, name];
 }
 
-function spoken(value, unit, system) {
-  if (unit === "s") return spokenTime(value);
-  const [factor, shown] = UNITS[system][unit] ?? [1, unit];
-  return `${digits(value * factor)} ${shown}`.trim();
+function spoken(value, unit, system, count = 3) {
+  const [factor, shown] = unitOf(unit, system, value);
+  return `${digits(value * factor, count)} ${shown}`.trim();
 }
 
+// with as many digits as tell the ends of the interval apart
 function withInterval(number, system) {
-  const value = spoken(number.value, number.unit, system);
-  if (number.low === undefined || number.low === number.high) return value;
-  const low = spoken(number.low, number.unit, system).split(" ")[0];
-  return `${value}  (${low} to ${spoken(number.high, number.unit, system)})`;
+  const { value, low, high, unit } = number;
+  if (low === undefined || low === high) return spoken(value, unit, system);
+  const factor = unitOf(unit, system, value)[0];
+  const count = [3, 4, 5, 6].find((n) => digits(low * factor, n) !== digits(high * factor, n)) ?? 6;
+  return `${spoken(value, unit, system, count)}  (${digits(low * factor, count)} to ${spoken(high, unit, system, count)})`;
+}
+
+// stops that are as far away on both sides are turned together
+function oneClearance(knobs) {
+  const [lower, upper] = ["lower", "upper"].map((side) => knobs.find((each) => each.key === `impact_pair.0.${side}`));
+  if (!lower || !upper || lower.value !== -upper.value) return knobs;
+  const both = { ...upper, key: "clearance", words: "clearance per side", keys: [lower.key, upper.key], signs: { [lower.key]: -1 } };
+  return knobs.filter((each) => each !== lower).map((each) => (each === upper ? both : each));
 }
 
 // a knob: a slider whose ends are those of the schema, and its number, which can be typed
 function knobRow(knob, system, turned) {
-  const [factor, unit] = UNITS[system][knob.unit] ?? [1, knob.unit];
+  const [factor, unit] = unitOf(knob.unit, system, knob.value);
   const place = (value) => (knob.logarithmic ? Math.log(value) : value);
   const back = (at) => (knob.logarithmic ? Math.exp(at) : at);
-  const name = knob.unit && knob.key !== "mission" ? `${knob.words}, ${unit}` : knob.words;
+  const name = unit ? `${knob.words}, ${unit}` : knob.words;
   const range = element("input", { type: "range", min: 0, max: 1000, step: 1, id: knob.key });
   const typed = element("input", { type: "number", step: "any" });
   typed.setAttribute("aria-label", `${name}, typed`);
@@ -82,7 +95,7 @@ function chart(title, series, colours, label, system) {
     scales: { x: { time: false }, y: { distr: 3 } },
     axes: [
       { ...axis, label: `clearance, ${UNITS[system].m[1]}` },
-      { ...axis, label, size: 64, filter: (_, ticks) => ticks.map((v) => (Math.abs(Math.log10(v) % 1) < 1e-6 ? v : null)), values: (_, ticks) => ticks.map((v) => (v === null ? "" : Math.abs(Math.log10(v) % 1) < 1e-6 ? power(v) : "")) },
+      { ...axis, label, size: 64, splits: decades, values: (_, places) => places.map(power) },
     ],
     series: [{}, ...series.map((each) => ({ spanGaps: true, points: { show: false }, ...each }))],
     hooks: {
@@ -123,6 +136,15 @@ function chart(title, series, colours, label, system) {
     },
   };
   return picture;
+}
+
+// places of the grid of a logarithmic axis: whole decades, at most about eight of them
+function decades(u, axis, low, high) {
+  const first = Math.ceil(Math.log10(low) - 1e-9), last = Math.floor(Math.log10(high) + 1e-9);
+  const step = Math.ceil((last - first + 1) / 8);
+  const places = [];
+  for (let each = first; each <= last; each += step) places.push(10 ** each);
+  return places;
 }
 
 // rows over different places, as one table with gaps
@@ -191,7 +213,10 @@ function render({ model, el }) {
   el.replaceChildren(element("header", {}, heading, sentence, state), element("main", {}, element("section", { className: "side" }, chosen, panel),
     element("section", { className: "shown" }, moving, pictures, results)));
 
-  const now = (key) => knobs.find((each) => each.key === key)?.now;
+  const now = (key) => {
+    const knob = knobs.find((each) => each.keys.includes(key));
+    return knob && knob.now * (knob.signs?.[key] ?? 1);
+  };
   const stops = () => Object.fromEntries(["lower", "upper"].map((side) => [side, now(`impact_pair.0.${side}`)]));
 
   function turn() {
@@ -199,7 +224,8 @@ function render({ model, el }) {
     asked = performance.now();
     answer = { numbers: {}, dots: [] };
     state.textContent = "asking";
-    const values = Object.fromEntries(knobs.map((each) => [each.key, each.now]));
+    el.classList.add("stale"); // what is shown belongs to an earlier turn
+    const values = Object.fromEntries(knobs.flatMap((each) => each.keys.map((key) => [key, each.now * (each.signs?.[key] ?? 1)])));
     model.send({ type: "turn", id, tab, values, profile });
   }
   const turned = () => {
@@ -262,7 +288,7 @@ function render({ model, el }) {
 
   const heard = {
     knobs(message) {
-      knobs = message.knobs.map((each) => ({ ...each, now: each.value }));
+      knobs = oneClearance(message.knobs.map((each) => ({ ...each, keys: [each.key] }))).map((each) => ({ ...each, now: each.value }));
       profile = message.profile;
       heading.textContent = message.title || "stochvi explore";
       if (message.profiles.length) {
@@ -276,10 +302,15 @@ function render({ model, el }) {
     },
     answer(message) {
       if (message.id !== id) return;
-      if (message.missing) answer.missing = message.missing;
+      if (message.missing) {
+        answer.missing = message.missing;
+        state.textContent = message.missing;
+        if (message.part === "risk") sentence.textContent = "";
+        return;
+      }
       for (const each of message.numbers ?? []) if (each) answer.numbers[each.name] = each;
       if (message.part === "linear") Object.assign(answer, { three: message.three_sigma, clearances: message.clearances, rice: message.rice });
-      if (message.part === "risk") { Object.assign(answer, { curve: message.curve, required: message.numbers[0].value }); sentence.textContent = message.sentence; }
+      if (message.part === "risk") { Object.assign(answer, { curve: message.curve, required: message.numbers[0].value }); sentence.textContent = message.sentence; el.classList.remove("stale"); }
       if (message.part === "motion") path = message.path;
       if (message.part === "dot") answer.dots.push(message);
       state.textContent = `${STAGES[message.stage]}, ${Math.round(performance.now() - asked)} ms after the turn`;
@@ -290,7 +321,9 @@ function render({ model, el }) {
       if (message.id === id) state.textContent = answer.missing ?? `all known, ${digits((performance.now() - asked) / 1e3)} s after the turn`;
     },
     refused(message) {
-      if (message.id === undefined || message.id === id) state.textContent = message.sentence;
+      if (message.id !== undefined && message.id !== id) return;
+      state.textContent = message.sentence;
+      sentence.textContent = ""; // that of the turn before does not hold here
     },
     ended() {
       state.textContent = "stochvi explore has ended; start it anew";
