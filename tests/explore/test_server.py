@@ -207,7 +207,7 @@ def test_sized_and_simulated_numbers_are_those_of_the_calls(frequency: float) ->
     assert required["value"] == sized.clearance.value
     assert (required["low"], required["high"]) == (sized.clearance.lower, sized.clearance.upper)
     assert risk["curve"]["probability"] == sized.curve["probability"].tolist()
-    rate = simulate(scene, paths=64, seed=3).impact_pairs["pair0"].collision_rate
+    rate = simulate(scene, paths=64, seed=3).impact_pairs["stops"].collision_rate
     shown = turn.rate()["numbers"][0]
     assert shown["value"] == rate.value
     assert shown["high"] - shown["value"] == pytest.approx(rate.half_width_95())

@@ -18,7 +18,7 @@ const element = (tag, attributes = {}, ...inside) => {
 function digits(value, count = 3) {
   if (value === 0) return "0";
   const size = Math.abs(value);
-  return size >= 1e5 || size < 1e-3 ? value.toExponential(count - 1) : String(Number(value.toPrecision(count)));
+  return size >= 1e5 || size < 1e-3 ? value.toExponential(count - 1) : count > 3 ? value.toPrecision(count) : String(Number(value.toPrecision(count)));
 }
 
 const TIMES = [[3600, "h"], [60, "min"], [1, "s"]];
@@ -39,9 +39,10 @@ function spoken(value, unit, system, count = 3) {
 function withInterval(number, system) {
   const { value, low, high, unit } = number;
   if (low === undefined || low === high) return spoken(value, unit, system);
-  const factor = unitOf(unit, system, value)[0];
+  const [factor, shown] = unitOf(unit, system, value);
   const count = [3, 4, 5, 6].find((n) => digits(low * factor, n) !== digits(high * factor, n)) ?? 6;
-  return `${spoken(value, unit, system, count)}  (${digits(low * factor, count)} to ${spoken(high, unit, system, count)})`;
+  const [middle, ...ends] = [value, low, high].map((each) => digits(each * factor, count));
+  return `${middle} (${ends.join(" to ")}) ${shown}`.trim();
 }
 
 // stops that are as far away on both sides are turned together
@@ -95,7 +96,7 @@ function chart(title, series, colours, label, system) {
     scales: { x: { time: false }, y: { distr: 3 } },
     axes: [
       { ...axis, label: `clearance, ${UNITS[system].m[1]}` },
-      { ...axis, label, size: 64, splits: decades, values: (_, places) => places.map(power) },
+      { ...axis, label, size: 64, splits: decades, filter: (_, places) => places, values: (_, places) => places.map(power) },
     ],
     series: [{}, ...series.map((each) => ({ spanGaps: true, points: { show: false }, ...each }))],
     hooks: {
@@ -240,16 +241,16 @@ function render({ model, el }) {
     charts = {
       risk: chart("Probability of any impact in the mission, over clearance", [
         { label: "first crossings", stroke: c.first, ...line },
-        { label: "95 % low", stroke: c.first, width: 1, dash: [2, 3] },
-        { label: "95 % high", stroke: c.first, width: 1, dash: [2, 3] },
+        { label: "95 % interval", stroke: c.first, width: 1, dash: [2, 3] },
+        { class: "unlisted", stroke: c.first, width: 1, dash: [2, 3] },
         { label: "accepted", stroke: c.answer, width: 1, dash: [8, 4] },
       ], c, "probability", system),
       rate: chart("Impacts per second, over clearance", [
         { label: "Rice", stroke: c.rice, dash: [8, 5], ...line },
         { label: "closure", stroke: c.closure, ...line },
         { label: "simulated", ...dots },
-        { label: "95 % low", ...dots, points: { show: true, size: 3, fill: c.simulated } },
-        { label: "95 % high", ...dots, points: { show: true, size: 3, fill: c.simulated } },
+        { label: "95 % interval", ...dots, points: { show: true, size: 3, fill: c.simulated } },
+        { class: "unlisted", ...dots, points: { show: true, size: 3, fill: c.simulated } },
       ], c, "impacts, 1/s", system),
     };
     pictures.replaceChildren(charts.risk.box, charts.rate.box);

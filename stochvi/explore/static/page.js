@@ -41,7 +41,8 @@ const model = {
 (async () => {
   try {
     const reply = await fetch("alive", { headers });
-    if (reply.ok) await lines(reply, () => {});
+    if (!reply.ok) return; // told by the first answer
+    await lines(reply, () => {});
   } catch { /* told below */ }
   heard.forEach((hear) => hear({ type: "ended" }));
 })();
