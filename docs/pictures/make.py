@@ -314,6 +314,29 @@ def mission_report(path: Path) -> None:
         first.render(scale=DOTS_OF_A_POINT).to_pil().quantize(256).save(path, optimize=True)
 
 
+def explorer(path: Path) -> None:
+    """The page of `stochvi explore` with the answers of its first turn, as Chromium shows it."""
+    import re
+    import shutil
+    import subprocess
+
+    from playwright.sync_api import sync_playwright
+
+    words = [sys.executable, "-m", "stochvi", "explore", "--no-browser"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        (address,) = re.findall(r"http://\S+", server.stdout.readline())
+        with sync_playwright() as play:
+            browser = play.chromium.launch(
+                executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+            )
+            page = browser.new_page(locale="en-US", viewport={"width": 1300, "height": 900})
+            page.goto(address)
+            page.wait_for_selector(".state:text-matches('all known')", timeout=300_000)
+            page.screenshot(path=path, full_page=True)
+        server.terminate()
+
+
 DOTS_OF_A_POINT = 1.5
 """Resolution of a page of a PDF, 72 points to the inch."""
 
@@ -332,6 +355,7 @@ PICTURES: dict[str, Callable[[], Axes]] = {
 
 WRITTEN: dict[str, Callable[[Path], None]] = {
     "box_hits_its_stops.gif": box_hits_its_stops,
+    "explore.png": explorer,
     "mission-report.png": mission_report,
 }
 """Those that no figure holds, by their whole names: what moves, and a page of a report."""
