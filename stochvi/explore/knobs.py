@@ -55,7 +55,7 @@ class Knob(NamedTuple):
 MISSION = Knob("mission", "mission", "s", 3600.0, *RANGES["mission"], True)
 PROBABILITY = Knob("probability", "accepted probability", "", 0.01, *RANGES["probability"], True)
 TARGETS = (MISSION, PROBABILITY)
-"""Knobs of what is asked of the scene, not of the scene."""
+"""Knobs of the question, not of the scene."""
 
 
 def knobs_of(scene: Scene) -> list[Knob]:

@@ -1,5 +1,5 @@
 """One turn of the knobs, answered in three stages: closed forms, a simulation with few paths, and
-what refines it. Every message says by what method its numbers are known, and how well."""
+a refinement. Every message says by what method its numbers are known, and how well."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Refused(Exception):
 
 @dataclass(eq=False)
 class Turn:
-    """A scene whose knobs are turned, and what is asked of it. `stale` is set by a later turn."""
+    """A scene whose knobs are turned, and the question. `stale` is set by a later turn."""
 
     scene: Scene
     mission: float

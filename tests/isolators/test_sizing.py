@@ -107,6 +107,17 @@ def test_the_chance_at_the_clearance_is_the_one_asked_for(hourly: Sizing) -> Non
         assert_agrees(both, 0.01 * math.exp(0.05 * 5.6))  # at a clearance 0.05 sigma less
 
 
+@pytest.mark.slow
+def test_without_simulated_impacts_the_clearance_and_its_curve_are_the_same() -> None:
+    scene = truck(HALF)
+    whole = size(scene, probability=0.01, seed=1)
+    short = size(scene, probability=0.01, seed=1, impacts=False)
+    assert isinstance(whole, Sizing)
+    assert isinstance(short, Sizing)
+    assert short.clearance == whole.clearance
+    assert short.curve.equals(whole.curve)
+
+
 @pytest.mark.parametrize("wanted", [0.95, 0.999])
 def test_a_chance_near_certainty_has_a_clearance_too(wanted: float) -> None:
     """Other random numbers find the same mean number of clusters there, -ln(1 - P)."""
