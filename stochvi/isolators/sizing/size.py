@@ -1103,8 +1103,8 @@ def size(
         has phases, which are sized for a probability.
     impacts
         Simulate also how often the stops are hit at the clearance and at three sigma, and how hard.
-        A probability of any impact needs none of that. Without it the same clearance and its curve
-        of risk take half of the time.
+        A probability of any impact needs none of that. The clearance and its curve are
+        the same.
     **options
         `RiskOptions`: a limit of the hardest impact of the mission as the target, which is to be
         exceeded with the probability `exceedance` alone; `rel_error` is that of the risk
