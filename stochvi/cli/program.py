@@ -160,8 +160,8 @@ COMMAND_LINE = "stochvi.command_line"
 
 HELP = {
     "A system between its stops": (
-        "new", "explain", "explore", "screen", "size", "reliability", "replay", "damage",
-        "clearance", "sweep", "absorber", "identify, shocks", "profiles",
+        "new, profiles", "explain", "explore", "screen", "size", "reliability", "replay", "damage",
+        "clearance", "sweep", "absorber", "identify, shocks",
     ),
     "Its motion": ("simulate", "impacts", "spectrum", "history", "sine"),
     "Methods and their agreement": (
@@ -172,6 +172,8 @@ HELP = {
 """Lines of the help of the program under their headings, each of a command or several."""
 
 WORDS = {
+    "new, profiles": "Write a commented scene file to start from, or list the environments that "
+    "ship, and those of other packages.",
     "sine": "Find all periodic motions under a sine, and jumps; also sine basins, sine "
     "bifurcation, sine lifetimes and sine perturbations.",
     "identify, shocks": "Find the law of a stop from a test of it, or the shocks in a record.",

@@ -1,7 +1,7 @@
 """The server of `stochvi explore`: one page on this machine, behind a token.
 
 A page of another site may send requests to 127.0.0.1 too, under a name of its own (DNS rebinding).
-So `Host` and `Origin` have to be this server, and everything but the page asks for the token. It
+So Host and Origin have to be this server, and everything but the page asks for the token. It
 stands in the fragment of the address, which no browser sends, and comes back in a header.
 """
 

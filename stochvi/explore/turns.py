@@ -23,7 +23,8 @@ from stochvi.explore.knobs import (
     turned,
 )
 from stochvi.isolators.screening import at_clearances, screen
-from stochvi.isolators.sizing import Sizing, size
+from stochvi.isolators.sizing.answer import Sizing
+from stochvi.isolators.sizing.size import risk_curve
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import record_path, simulate
 from stochvi.results.errors import StochviError
@@ -139,9 +140,9 @@ class Turn:
 
     def risk(self) -> Message:
         """The probability of any impact over clearance, and the clearance that keeps the target."""
-        found = size(
+        found = risk_curve(
             self.scene, probability=self.probability, mission=self.mission, seed=self.seed,
-            impacts=False, budget=BUDGET, progress=self._look,
+            budget=BUDGET, progress=self._look,
         )  # fmt: skip
         assert isinstance(found, Sizing), "a scene with phases is refused by the explorer"
         clearance = found.clearance

@@ -6,7 +6,7 @@ from .sizing import Sizing, size
 from .sizing.answer import DamageSizing, MissionSizing, PairsSizing
 from .sizing.review import clatter
 from .sizing.sensitivity import sensitivity
-from .sizing.size import size_by_damage
+from .sizing.size import risk_curve, size_by_damage
 
 __all__ = [
     "BumperMap",
@@ -23,6 +23,7 @@ __all__ = [
     "clearance_curve",
     "perturbations",
     "production",
+    "risk_curve",
     "screen",
     "sensitivity",
     "size",

@@ -61,6 +61,7 @@ QUESTIONS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
 
 WITHOUT_BUDGET = {
     "profiles", "new", "demo", "problems", "judge", "schema", "identify", "shocks",
+    "explore",
 }  # fmt: skip
 """Commands that have no budget: what is asked of them bounds their work."""
 

@@ -200,7 +200,7 @@ def test_sized_and_simulated_numbers_are_those_of_the_calls(frequency: float) ->
     values = {"structure.frequency_hz": frequency}
     scene = changed_scene(TRUCK.document(as_written=True), tuple(values.items()))
     turn = Turn(scene, 3600.0, 0.01, seed=3, id=1)
-    sized = size(scene, probability=0.01, mission=3600.0, seed=3, impacts=False)
+    sized = size(scene, probability=0.01, mission=3600.0, seed=3)
     assert isinstance(sized, Sizing)
     risk = turn.risk()
     (required,) = risk["numbers"]

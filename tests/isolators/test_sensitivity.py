@@ -31,7 +31,7 @@ from stochvi.isolators.sizing import risk_curve as hard
 from stochvi.isolators.sizing import sensitivity as method
 from stochvi.isolators.sizing import sensitivity as sensitivity_of_sizing
 from stochvi.isolators.sizing.answer import Question, RoundedClearance, Sizing, Target
-from stochvi.isolators.sizing.pairs import risk_curve
+from stochvi.isolators.sizing.pairs import curve_of_gap
 from stochvi.isolators.sizing.review import Balance
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.isolators.sizing.sensitivity import (
@@ -104,9 +104,9 @@ def test_a_case_that_fails_is_a_row_that_says_so(
         tried.append(scene)
         if len(tried) == 3:
             raise NotConverged("the budget of 1 s ended in this case")
-        return risk_curve(scene, *asked)
+        return curve_of_gap(scene, *asked)
 
-    monkeypatch.setattr(method, "risk_curve", fails_once)
+    monkeypatch.setattr(method, "curve_of_gap", fails_once)
     monkeypatch.setattr(method, "variations", lambda _sizing: first)
     monkeypatch.setattr(method, "_not_gaussian", lambda *_how: [])
     table = sensitivity(sizing, seed=1).set_index("change")
@@ -130,7 +130,7 @@ def test_no_case_is_begun_once_the_budget_has_ended(
         now[0] += 4.0
         raise NotConverged("late")
 
-    monkeypatch.setattr(method, "risk_curve", slow)
+    monkeypatch.setattr(method, "curve_of_gap", slow)
     table = sensitivity(sizing, seed=1, budget=7.0)
     assert len(budgets) == 2 and sum(budgets) < 7.0
     assert list(table["note"][:2]) == ["late", "late"]
@@ -149,7 +149,7 @@ def test_no_case_is_begun_in_less_time_than_a_case_takes(
         now[0] += method.LEAST_SECONDS
         raise NotConverged("late")
 
-    monkeypatch.setattr(method, "risk_curve", late)
+    monkeypatch.setattr(method, "curve_of_gap", late)
     cases = sensitivity(sizing, seed=1, budget=3.5 * method.LEAST_SECONDS)["note"]
     assert list(cases[:3]) == ["late"] * 3 and now[0] == pytest.approx(3.0 * method.LEAST_SECONDS)
     assert all("before this case" in note for note in cases[3:])
@@ -203,7 +203,7 @@ def test_a_wide_mount_lets_them_through() -> None:
 @quick_cases("kurtosis", [3.02, 3.5, 5.0], keep=(1,))
 def test_slow_bursts_are_a_mean_over_a_gamma_law(kurtosis: float) -> None:
     with run_of(rel_error=0.05, seed=1) as run:
-        curve = risk_curve(ten_hertz(0.05), ONE_PER_CENT, HOUR, run)
+        curve = curve_of_gap(ten_hertz(0.05), ONE_PER_CENT, HOUR, run)
     clearance = 6.0 * curve.sigma
     shape = 3.0 / (kurtosis - 3.0)
     draws = np.random.default_rng(1).gamma(shape, 1.0 / shape, 20_000)
@@ -510,7 +510,7 @@ def test_the_worst_combination_is_a_scene_of_its_own(sizing: Sizing) -> None:
     assert last["clearance"] > table["clearance"].iloc[:-1].max()
     changed = changed_mount(sizing.scene, 0.95, 0.8).at_level(1.0)
     with run_of(rel_error=0.1, seed=sizing.seed) as run:
-        curve = risk_curve(changed, sizing.target, MISSION, run)
+        curve = curve_of_gap(changed, sizing.target, MISSION, run)
     assert last["clearance"] == pytest.approx(curve.clearance(0.05).value, rel=1e-9)
     assert last["probability"] == pytest.approx(curve.probability(sizing.clearance.value), rel=1e-9)
 

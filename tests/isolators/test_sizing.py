@@ -51,7 +51,7 @@ from stochvi.isolators.sizing.review import (
 from stochvi.isolators.sizing.risk_curve import RiskCurve, chance_in_windows
 from stochvi.isolators.sizing.search import SEARCH, Reached, SizingJob, rate_of
 from stochvi.isolators.sizing.sensitivity import variations
-from stochvi.isolators.sizing.size import Sizing, size
+from stochvi.isolators.sizing.size import Sizing, risk_curve, size
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.mathematics.unsteady_noise import FastPeaks, MovingMean
 from stochvi.model.model import Model, model_of
@@ -111,7 +111,7 @@ def test_the_chance_at_the_clearance_is_the_one_asked_for(hourly: Sizing) -> Non
 def test_without_simulated_impacts_the_clearance_and_its_curve_are_the_same() -> None:
     scene = truck(HALF)
     whole = size(scene, probability=0.01, seed=1)
-    short = size(scene, probability=0.01, seed=1, impacts=False)
+    short = risk_curve(scene, probability=0.01, seed=1)
     assert isinstance(whole, Sizing)
     assert isinstance(short, Sizing)
     assert short.clearance == whole.clearance

@@ -97,7 +97,7 @@ SIDES = (-1.0, 1.0)
 """Sides of the stops of a mass that has none yet."""
 
 
-def risk_curve(scene: Scene, target: Target, mission: float, run: Run) -> RiskCurve:
+def curve_of_gap(scene: Scene, target: Target, mission: float, run: Run) -> RiskCurve:
     """The curve of risk of one mass."""
     model = model_of(scene)
     motion = PairMotion.under_shocks(one_gap(model))
@@ -142,7 +142,7 @@ class OneCurve(Family):
             self.limit = limit_of_target(job.scene, job.target, None)
         job.stage(0.0, 0.1, "first crossings")
         share = 1.0 - SEARCH.share_of_hits if job.impacts else 1.0
-        self.curve = risk_curve(job.scene, job.target, job.mission, job.part(share))
+        self.curve = curve_of_gap(job.scene, job.target, job.mission, job.part(share))
         job.check_crossings(self.curve.crossings)
         self.paths, self.motions = self.curve.crossings.ages.shape[3], [self.curve.motion]
         self.names = [pair.name for pair in self.model.pairs] or [NO_PAIR]

@@ -14,7 +14,7 @@ import scipy
 from scipy.special import gammaln, roots_genlaguerre
 
 from stochvi.isolators.sizing.answer import Question, Sizing, are_uneven, mean_gaps
-from stochvi.isolators.sizing.pairs import nominal_sizing, risk_curve
+from stochvi.isolators.sizing.pairs import curve_of_gap, nominal_sizing
 from stochvi.isolators.sizing.risk_curve import RiskCurve, chance_of_stops
 from stochvi.isolators.tolerances import (
     WORST,
@@ -188,7 +188,7 @@ class Resizing:
         curve, sigma = None, math.nan
         if not sizing.several:
             part = run.part(deadline=run.deadline.share(CURVE_SHARE), rel_error=0.5 * run.accuracy)
-            curve = self.curves[change] = risk_curve(scene, sizing.target, mission, part)
+            curve = self.curves[change] = curve_of_gap(scene, sizing.target, mission, part)
             sigma = curve.sigma
         if curve is not None and sizing.target.name == "probability":
             found, note = {"clearance": curve.clearance(sizing.target.value)}, ""
@@ -391,7 +391,7 @@ def slow_bursts(curve: RiskCurve, clearance: float, kurtosis: float, mission: fl
     >>> target = Target(name="probability", value=0.01, unit="1")
     >>> with pool_of(None, 1) as pool:
     ...     run = Run.of({**DEFAULTS, "executor": pool, "rel_error": 0.1})
-    ...     curve = risk_curve(scene, target, 3600.0, run)
+    ...     curve = curve_of_gap(scene, target, 3600.0, run)
     >>> level = 5.6 * curve.sigma
     >>> slow_bursts(curve, level, 3.001, 3600.0) / curve.probability(level) < 1.05
     True

@@ -1063,7 +1063,6 @@ def size(
     tolerances: Tolerances | None = None,
     spreads: Mapping[str, Spread] | None = None,
     mission: float | None = None,
-    impacts: bool = True,
     **options: Unpack[RiskOptions],
 ) -> Sizing | MissionSizing:
     """The clearance per side that an isolator, or each of several pairs, needs for one target.
@@ -1101,10 +1100,6 @@ def size(
     mission
         Seconds of exposure, from a stationary start, by default an hour; left out where the scene
         has phases, which are sized for a probability.
-    impacts
-        Simulate also how often the stops are hit at the clearance and at three sigma, and how hard.
-        A probability of any impact needs none of that. The clearance and its curve are
-        the same.
     **options
         `RiskOptions`: a limit of the hardest impact of the mission as the target, which is to be
         exceeded with the probability `exceedance` alone; `rel_error` is that of the risk
@@ -1129,6 +1124,7 @@ def size(
     See Also
     --------
     stochvi.screen : The linear answer.
+    stochvi.isolators.risk_curve : The same for a probability, without simulated impacts.
     stochvi.reliability : The probability that a mission goes wrong.
 
     Examples
@@ -1143,44 +1139,105 @@ def size(
     >>> round(sizing.clearance.value / sizing.sigma, 1)
     5.6
     """
-    target = target_of(probability, rate, limits_in(options), exceedance)
+    asked = Question(
+        target=target_of(probability, rate, limits_in(options), exceedance),
+        mission=HOUR if mission is None else mission, run=Run.of(options), at=at, pair=pair,
+        common=common, tolerances=tolerances,
+    )  # fmt: skip
+    return _sized(scene, asked, mission, spreads)
+
+
+@calculation
+@sampled(rel_error=0.05)
+def risk_curve(
+    scene: Scene,
+    *,
+    probability: float,
+    tolerances: Tolerances | None = None,
+    mission: float | None = None,
+    **options: Unpack[AccuracyOptions],
+) -> Sizing | MissionSizing:
+    """The risk of any impact over clearance, and the clearance that an accepted risk needs.
+
+    The curve, the clearance and their intervals are those of `size`. Impacts at the clearance and
+    at three sigma are not simulated: a probability of any impact needs none, and they cost most.
+
+    Parameters
+    ----------
+    scene
+        As `size` takes it; the laws of its stops do not matter.
+    probability
+        Accepted probability of any impact in the mission.
+    tolerances, mission
+        As `size` takes them.
+    **options
+        `AccuracyOptions`: `rel_error` is that of the risk at the clearance, by default 0.05. Where
+        the `budget` ends first, the interval is wider, and a warning says so.
+
+    Returns
+    -------
+    Sizing | MissionSizing
+        The answer of `size`; what is simulated with the stops is None in it, or empty.
+
+    Raises
+    ------
+    NotApplicable
+        If the scene is not covered, or no clearance keeps the risk.
+
+    See Also
+    --------
+    stochvi.size : The same with the impacts at the clearance.
+
+    Examples
+    --------
+    >>> import stochvi
+    >>> scene = stochvi.load_scene(stochvi.scenes.shipped_scene("isolator-truck"))
+    >>> found = risk_curve(scene, probability=0.01)
+    >>> print(found.clearance, found.expected_hits)
+    11.21 mm (11.2 to 11.21 mm, 95 %) None
+    """
+    asked = Question(
+        target=target_of(probability, None, {}, ACCEPTED), impacts=False,
+        mission=HOUR if mission is None else mission, run=Run.of(options), tolerances=tolerances,
+    )  # fmt: skip
+    return _sized(scene, asked, mission, None)
+
+
+def _sized(
+    scene: Scene, asked: Question, mission: float | None, spreads: Mapping[str, Spread] | None
+) -> Sizing | MissionSizing:
+    """The answer of a question; the mission is that of the caller, None where none was given."""
     check_movable(scene)
-    run = Run.of(options)
+    run = asked.run
     if not scene.phases and is_one_phase(scene):
-        whole = Phase(name=MISSION, duration=HOUR if mission is None else mission)
+        whole = Phase(name=MISSION, duration=asked.mission)
         scene, mission = scene.replace(phases=[whole]), None
     if scene.phases:
         return _of_phases(
-            scene, target, mission, run, at=at, pair=pair, tolerances=tolerances,
-            spreads=spreads or None, common=common,
+            scene, asked.target, mission, run, at=asked.at, pair=asked.pair,
+            tolerances=asked.tolerances, spreads=spreads or None, common=asked.common,
         )  # fmt: skip
     if spreads is None and any(varied(scene)):
         from stochvi.isolators.tolerances import spreads_of
 
         spreads = spreads_of(scene)
-    mission = HOUR if mission is None else mission
-    if not 0.0 < mission < math.inf:
-        raise ValueError(f"mission must be a positive number of seconds, got {mission}")
-    model = model_of(scene)
+    if not 0.0 < asked.mission < math.inf:
+        raise ValueError(f"mission must be a positive number of seconds, got {asked.mission}")
+    model, pair, common = model_of(scene), asked.pair, asked.common
     _check_names(scene, "pair", [pair] if pair is not None else [])
     _check_names(scene, "common", common)
     if common and pair is not None:
         raise ValueError(f"common must be left out where one pair is sized, got pair = {pair!r}")
     if spreads:
-        shape = Question(target=target, mission=mission, pair=pair, common=common, run=run)
-        return _of_production(scene, shape, spreads, tolerances)
-    allowed = tolerances or Tolerances.of(scene)
-    by_hits = target.name != "probability"
+        return _of_production(scene, asked, spreads)
+    allowed = asked.tolerances or Tolerances.of(scene)
+    by_hits = asked.target.name != "probability"
     worst = has_one_gap(model) and allowed.felt(scene, by_hits=by_hits) != Tolerances()
     nominal = run
     if worst:
         share = 1.0 - SEARCH.share_of_tolerances
         nominal = run.part(0.0, share, deadline=run.deadline.share(share))
-    asked = Question(
-        target=target, mission=mission, run=nominal, at=at, pair=pair, common=common,
-        tolerances=allowed, impacts=impacts,
-    )  # fmt: skip
-    found = nominal_sizing(scene, asked)
+    found = nominal_sizing(scene, replace(asked, run=nominal, tolerances=allowed))
     return _within_tolerances(found, run) if worst else found
 
 
@@ -1199,9 +1256,7 @@ def _check_names(scene: Scene, name: str, given: Sequence[str]) -> None:
         raise ValueError(f"{name} must name impact pairs ({known}), got {', '.join(given)}")
 
 
-def _of_production(
-    scene: Scene, asked: Question, spreads: Mapping[str, Spread], tolerances: Tolerances | None
-) -> Sizing:
+def _of_production(scene: Scene, asked: Question, spreads: Mapping[str, Spread]) -> Sizing:
     """A sizing of the scene as stated, with the clearance that its production needs."""
     from stochvi.isolators.production_risk import SHARE_OF_NOMINAL, Start, about
     from stochvi.isolators.tolerances import bands_beside, check_spreads
@@ -1218,7 +1273,7 @@ def _of_production(
     share = SHARE_OF_NOMINAL
     first = run.part(0.0, share, deadline=run.deadline.share(share))
     found = nominal_sizing(scene, replace(asked, run=first, tolerances=Tolerances()))
-    allowed = tolerances or bands_beside(scene, spreads)
+    allowed = asked.tolerances or bands_beside(scene, spreads)
     production = about(Start.of_sizing(found), spreads, allowed, run.part(share, 1.0))
     return replace(
         found,
