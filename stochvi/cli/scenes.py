@@ -358,8 +358,8 @@ def explore(scene: str | None, no_browser: bool, seed: int) -> None:
     The page is served on this machine alone and ends with its last tab, or with Ctrl-C. Without
     SCENE it begins with a box on a truck.
     """
-    from stochvi.explore.server import serve
-    from stochvi.explore.turns import Explorer
+    from stochvi.explorer.server import serve
+    from stochvi.explorer.turns import Explorer
     from stochvi.scenes.datasets import shipped_scene
     from stochvi.scenes.scene import load_scene
 

@@ -24,7 +24,7 @@ from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from stochvi.explore.turns import Explorer, Refused
+from stochvi.explorer.turns import Explorer, Refused
 
 STATIC = Path(__file__).parent / "static"
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from stochvi.explore.knobs import (
+from stochvi.explorer.knobs import (
     MISSION,
     PROBABILITY,
     TARGETS,

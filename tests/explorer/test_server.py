@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from starlette.testclient import TestClient
 
-from stochvi.explore import server
-from stochvi.explore.knobs import knobs_of
-from stochvi.explore.turns import Explorer, Turn
+from stochvi.explorer import server
+from stochvi.explorer.knobs import knobs_of
+from stochvi.explorer.turns import Explorer, Turn
 from stochvi.isolators.screening import screen
 from stochvi.isolators.sizing import Sizing, size
 from stochvi.methods.monte_carlo import simulate
