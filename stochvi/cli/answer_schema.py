@@ -110,7 +110,6 @@ CHANGES = {
     ),
     "DamageSizing": ONE_OR_SEVERAL,
     "History": Change(METHOD | {"columns": list[str], "samples": int}),
-    "MissionSizing": ONE_OR_SEVERAL,
     "ResponseSpectrum": Change(
         {"spectra": Mapping[str, Mapping[str, dict[str, Any]]]}, renamed={"curves": None}
     ),
@@ -149,7 +148,7 @@ def answer_schema() -> Schema:
     ['bias', 'how', 'standard_error', 'value']
     """
     known = Definitions()
-    answers = [known.reference(kind) for kind in sorted(kinds(), key=lambda kind: kind.__name__)]
+    answers = [known.reference(kind) for kind in sorted({*kinds()}, key=lambda kind: kind.__name__)]
     head = {"$schema": DIALECT, "title": "stochvi answer"}
     return head | {"anyOf": answers, "$defs": known.schemas}
 

@@ -300,6 +300,10 @@ PACKAGE = Path(__file__).parents[1]
 NAME = re.compile(r"(?:stochvi\.)?([a-z_]+(?:\.[a-z_]+)*):([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)")
 
 
+RENAMED = {"MissionSizing": "Sizing"}
+"""Names of classes that older files know by another one."""
+
+
 def name_of(kind: type) -> str:
     """Return the short name of a class.
 
@@ -324,6 +328,7 @@ def kind_of(name: str) -> Any:
     if parts is None:
         raise ValueError(f"{name} is no part of this package")
     room, (outer, *inner) = _room_of(parts[1]), parts[2].split(".")
+    outer = RENAMED.get(outer, outer)
     places = _places(room).get(outer, [])
     if not places:
         raise ValueError(f"{name} is no part of this package")

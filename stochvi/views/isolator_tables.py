@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from stochvi.isolators.sizing.answer import (
     HITS_PER_FIRST_HIT,
     DamageSizing,
-    MissionSizing,
     Probability,
 )
 from stochvi.isolators.tolerances import Tolerances, in_words
@@ -36,9 +35,9 @@ from stochvi.views.pages import (
 from stochvi.views.sizing import (
     plot_costs,
     plot_damage_sizing,
-    plot_mission_sizing,
     plot_pairs_risk,
     plot_risk,
+    plot_sizing,
     plot_units,
 )
 from stochvi.views.statistics import damage_told, plot_damage
@@ -199,6 +198,10 @@ def risk_in_words(found: Production) -> list[str]:
 
 def sizing_told(sizing: Sizing, sensitivity: DataFrame | None = None) -> Told:
     """The clearances to make, then the numbers behind them, then what they rest on."""
+    if sizing.scene.phases:
+        lines = [] if sizing.varies else [WITHOUT_TOLERANCES]
+        sections = [_phases(sizing), _linear_tolerances(sizing)]
+        return _told(sizing, lines, sections, assumptions=sizing.assumptions)
     lines = [*of_your_stops(sizing), of_three_sigma(sizing), *of_less_risk(sizing)]
     lines += [] if sizing.varies or not sizing.shown_to_keep else [WITHOUT_TOLERANCES]
     if sizing.production is not None:
@@ -439,13 +442,13 @@ def interval_in_words(chance: Probability) -> str:
     return f"{low} to {spoken_percent(chance.upper)}"
 
 
-def _linear_tolerances(sizing: Sizing | MissionSizing) -> Section:
+def _linear_tolerances(sizing: Sizing) -> Section:
     """The clearance that each sized pair needs for the same risk with each change, and where within
     the tolerances each is largest; empty without tolerances."""
     if len(rows := rows_of(sizing, "tolerances")) < 2:
         return Section(title="Tolerances")
     alone, largest = "", dict[str, list[str]]()
-    if isinstance(sizing, MissionSizing):
+    if sizing.scene.phases:
         last = "the largest over the whole region, where the mission is simulated"
     else:
         alone, last = " that each pair alone needs", "the largest of each column over the region"
@@ -485,18 +488,7 @@ def _shared(sizing: Sizing) -> str:
 # ------------------------------------------------------------------------------
 
 
-def clearance_told(found: ClearanceAnswer) -> Told:
-    """The clearance to make, the line to copy, and what decides."""
-    if isinstance(found, MissionSizing):
-        lines = [] if found.varies else [WITHOUT_TOLERANCES]
-        sections = [_phases(found), _linear_tolerances(found)]
-        return _told(found, lines, sections, assumptions=found.assumptions)
-    lines = [never_tolerances(Tolerances.of(found.scene).in_words())]
-    assert isinstance(found, DamageSizing)
-    return _told(found, lines, [_damage(found)])
-
-
-def _phases(found: MissionSizing) -> Section:
+def _phases(found: Sizing) -> Section:
     """The share of each phase in the risk, and what its record says."""
     moved = bool(found.phases["shift"].any())
     grids = Grid.of(
@@ -516,7 +508,7 @@ def _phases(found: MissionSizing) -> Section:
         grids=[*_places(found), *grids],
         pictures=[
             Picture(
-                lambda: plot_mission_sizing(found),
+                lambda: plot_sizing(found),
                 "Probability of any impact in the mission against the clearance, 95 %.",
                 front=True,
             )
@@ -561,9 +553,15 @@ def _damage(found: DamageSizing) -> Section:
     )
 
 
+def damage_ratio_told(found: DamageSizing) -> Told:
+    """The clearance to make, and the clearances that were tried."""
+    lines = [never_tolerances(Tolerances.of(found.scene).in_words())]
+    return _told(found, lines, [_damage(found)])
+
+
 def damage_sizing_told(found: DamageSizing) -> Told:
-    """The clearance to make, the clearances that were tried, and the damage there."""
-    told, there = clearance_told(found), damage_told(found.damage)
+    """The same, and the damage there."""
+    told, there = damage_ratio_told(found), damage_told(found.damage)
     spectra = Section(notes=[there.verdict, *there.statements])
     return replace(
         told, sections=[*told.sections, spectra, *there.sections], assumptions=there.assumptions,

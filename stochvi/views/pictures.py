@@ -474,7 +474,7 @@ VIEWS = {
         tables=lambda found: {} if found.test is None else {"profile": found.test.to_frame()},
     ),
     "DamageSizing": View(
-        "isolator_tables", "damage_sizing", "damage", page="report.missions:clearance_page",
+        "isolator_tables", "damage_sizing", "damage", page="report.missions:damage_page",
         numbers="size", plot="sizing:plot_damage_sizing",
     ),
     "Design": View(
@@ -506,10 +506,6 @@ VIEWS = {
     "Jolts": View("isolator_tables", "jolts", "jolts", None),
     "Judgement": View("verification", "judgement", "judge", None),
     "LifeTimes": View("sine", "lifetimes", "lifetimes"),
-    "MissionSizing": View(
-        "isolator_tables", "clearance", "phases", page="report.missions:clearance_page",
-        numbers="size", plot="sizing:plot_mission_sizing",
-    ),
     "Production": View("isolator_tables", "production", plot="sizing:plot_production"),
     "Reliability": View(
         "statistics", "reliability", "reliability", None, plot="plot_chances",
@@ -538,8 +534,10 @@ VIEWS = {
         "isolator_tables", "sizing", page="report.sizing:sizing_page", numbers="size",
         plot="sizing:plot_sizing",
         beside="report.sizing:write_sizing_files",
+        tables=lambda found: {"phases": found.phases} if found.scene.phases else {},
         pictures=lambda found: (
-            {} if found.production is None else {"production": found.production.plot}
+            ({"phases": found.plot} if found.scene.phases else {})
+            | ({} if found.production is None else {"production": found.production.plot})
         ),
     ),
     "Stability": View("sine", "stability", "stability"),

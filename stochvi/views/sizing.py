@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from stochvi.isolators.sizing.answer import (
         ClearanceAnswer,
         DamageSizing,
-        MissionSizing,
         Sizing,
     )
     from stochvi.isolators.sizing.review import MotionBetweenStops, Review
@@ -233,7 +232,9 @@ def _draw_marks(chart: Chart, marks: Sequence[tuple[str, str, float]]) -> None:
 
 
 def plot_sizing(sizing: Sizing, ax: Axes | None = None) -> Axes:
-    """Risk against the clearance of one gap, or against those of several."""
+    """Risk against the clearance of one gap, against those of several, or that of a mission."""
+    if sizing.scene.phases:
+        return plot_mission(sizing, ax)
     return (plot_pairs_risk if sizing.several else plot_risk)(sizing, ax)
 
 
@@ -447,7 +448,7 @@ def _motion(review: Review) -> MotionBetweenStops:
 # ------------------------------------------------------------------------------
 
 
-def plot_mission_sizing(found: MissionSizing, ax: Axes | None = None) -> Axes:
+def plot_mission(found: Sizing, ax: Axes | None = None) -> Axes:
     """Probability of any impact in the mission against the clearance."""
     risk = Scale(f"probability of an impact in {spoken_mission(found.mission)}", log=True)
     chart = Chart.on(ax, Scale(f"{PER_SIDE}{found.of_widest}", LENGTH), risk)

@@ -37,7 +37,7 @@ from stochvi.isolators.sizing.sensitivity import (
     variations,
     worst_case,
 )
-from stochvi.isolators.tolerances import Change, Tolerances, changed_stops, tolerance_table
+from stochvi.isolators.tolerances import Change, Region, Tolerances, changed_stops, tolerance_table
 from stochvi.model.coverage import natural_modes
 from stochvi.model.model import model_of
 from stochvi.results.deadline import partial_result
@@ -386,6 +386,32 @@ def test_the_worst_tolerances_stand_in_the_verdict(both: Sizing) -> None:
         assert 0.0 <= made.value - both.clearances[name].value <= made.step
 
 
+def test_pairs_whose_worst_case_was_not_found_have_nothing_to_make(both: Sizing) -> None:
+    """The clearances as stated are smaller than those that the tolerances ask for."""
+    assert both.made is not None and both.allowed != Tolerances()
+    late = replace(both, tolerances=both.tolerances.iloc[:1])
+    assert late.made is None and not late.each_made and late.to_dict()["made"] is None
+    assert "No clearance was found" in late.verdict() and "level ± 3 dB" in late.verdict()
+    assert not late.stops_to_copy() and late.as_made() == late.scene
+
+
+def test_a_region_of_tolerances_that_is_not_searched_in_time_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def late(*_: object) -> None:
+        raise NotConverged("the budget of 1 s ended before the tolerances were searched")
+
+    monkeypatch.setattr(Region, "worst", late)
+    found = size(
+        uncoupled(pair("x", "x", 3.0), pair("z", "z", 3.0)), probability=0.1, mission=200.0,
+        rel_error=0.5, tolerances=Tolerances(level_db=3.0), threads=1,
+    )  # fmt: skip
+    assert found.made is None and found.tolerances["change"].tolist() == ["as stated"]
+    (told,) = found.fell_short
+    assert told.startswith("the largest clearances within the tolerances were not found: the budg")
+    assert told in found.warnings
+
+
 def sized_by_hits(scene: Scene, **asked: object) -> tuple[Sizing, Scene]:
     """The answer, and the scene with the stops that it asks for."""
     found = sized(scene, whole=True, **asked)
@@ -621,6 +647,7 @@ def test_one_clearance_for_all_is_said_to_be_common(both: Sizing) -> None:
     x = both.clearances["x"]
     stated = both.tolerances.iloc[:1]
     common = replace(both, clearances={"x": x, "z": x}, common=("x", "z"), tolerances=stated)
+    common = replace(common, allowed=Tolerances())
     assert "at all 2 pairs in common, on each side" in common.verdict()
     page = sizing_page(common, origin_of(common.provenance))
     lead = page.sections[0].lead

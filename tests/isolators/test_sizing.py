@@ -37,7 +37,6 @@ from stochvi import (
     screen,
     simulate,
 )
-from stochvi.isolators import MissionSizing
 from stochvi.isolators.bumpers import contact_on_mount
 from stochvi.isolators.screening import at_clearances, frequencies, input_density, transmissibility
 from stochvi.isolators.sizing import pairs, search
@@ -1030,13 +1029,13 @@ def mount(noise: TabulatedNoise = PEAKED, **keys: Any) -> Scene:
     return Scene(**{"structure": STIFF, "impact_pairs": pairs, "excitations": [noise]} | keys)
 
 
-def sized(scene: Scene, probability: float = 0.2, **keys: Any) -> MissionSizing:
+def sized(scene: Scene, probability: float = 0.2, **keys: Any) -> Sizing:
     found = size(scene, probability=probability, **{"seed": 1, "budget": None} | keys)
-    assert isinstance(found, MissionSizing)
+    assert found.scene.phases
     return found
 
 
-def error_of_risk(found: MissionSizing) -> float:
+def error_of_risk(found: Sizing) -> float:
     """The standard error of the risk at the clearance of a sizing."""
     at = found.curve.iloc[len(found.curve) // 2]
     assert at["clearance"] == pytest.approx(found.clearance.value)

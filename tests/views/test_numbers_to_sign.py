@@ -29,7 +29,6 @@ from stochvi import (
     size,
 )
 from stochvi import replay as replayed
-from stochvi.isolators import MissionSizing
 from stochvi.isolators.record_verdict import RecordVerdict, record_verdict
 from stochvi.isolators.screening import scene_at_rest
 from stochvi.isolators.sizing import pairs as pairs_module
@@ -40,7 +39,7 @@ from stochvi.isolators.tolerances import Tolerances
 from stochvi.results.estimates import Cost, Estimate, capital
 from stochvi.results.files import origin_of
 from stochvi.scenes.datasets import shipped_scene
-from stochvi.views.isolator_tables import clearance_told
+from stochvi.views.isolator_tables import damage_ratio_told, sizing_told
 from stochvi.views.pages import Page, Picture
 from stochvi.views.report import missions, sections, sizing
 from stochvi.views.tables import to_copy
@@ -181,7 +180,7 @@ def judge(page: Page, found: ClearanceAnswer, sign: float | None, drawn: Drawn) 
 
 
 def verdicts_of(found: ClearanceAnswer) -> list[RecordVerdict]:
-    if isinstance(found, MissionSizing):
+    if isinstance(found, Sizing) and found.scene.phases:
         return list(found.records.values())
     return [] if found.record is None else [found.record]
 
@@ -236,7 +235,7 @@ def test_the_page_of_one_mass_shows_the_number_to_sign(
 
 
 @pytest.fixture(scope="module")
-def phases() -> MissionSizing:
+def phases() -> Sizing:
     scene = Scene(
         structure=Isolator(frequency_hz=12.0, zeta=0.1, gravity=True),
         impact_pairs=[ImpactPair(clearance=0.0135, law=Restitution(coefficient=0.7))],
@@ -247,7 +246,7 @@ def phases() -> MissionSizing:
         ],
     )
     found = size(scene, probability=0.05, rel_error=0.3, threads=1)
-    assert isinstance(found, MissionSizing)
+    assert found.scene.phases
     return found
 
 
@@ -255,7 +254,7 @@ def phases() -> MissionSizing:
     "kinds", [(), ("agrees", "agrees"), ("agrees", "contradicts"), ("short", "agrees")]
 )
 def test_the_page_of_a_mission_shows_the_number_to_sign(
-    phases: MissionSizing, drawn: Drawn, kinds: tuple[str, ...]
+    phases: Sizing, drawn: Drawn, kinds: tuple[str, ...]
 ) -> None:
     places = [7e-3 if each == "agrees" else NEEDS for each in kinds]
     records = {
@@ -264,7 +263,7 @@ def test_the_page_of_a_mission_shows_the_number_to_sign(
     }
     found = replace(phases, records=records)
     sign = to_sign({"stops": found.clearance.value}, list(records.values()))
-    page = missions.clearance_page(found, origin_of(found.provenance))
+    page = missions.phases_page(found, origin_of(found.provenance))
     judge(page, found, sign, drawn)
     assert len(drawn) == 1
     document = found.to_dict()
@@ -275,7 +274,7 @@ def test_the_page_of_a_mission_shows_the_number_to_sign(
         assert document["record"] is None
 
 
-def test_the_risk_that_a_sentence_keeps_is_that_of_the_number_in_it(phases: MissionSizing) -> None:
+def test_the_risk_that_a_sentence_keeps_is_that_of_the_number_in_it(phases: Sizing) -> None:
     """Rounded up, a clearance keeps less than the target, and no sentence says otherwise."""
     sentence, made = phases.verdict(), phases.widest
     assert made is not None and sentence.startswith(f"Make {made} on each side of ")
@@ -299,7 +298,7 @@ def test_the_page_of_a_damage_shows_the_number_to_sign(
         tried=pd.DataFrame([row | {"by": "clusters"}]), damage=spectra,  # type: ignore[arg-type]
         record=verdict(kind) if kind else None, cost=Cost(wall_time=1.0), provenance={},
     )  # fmt: skip
-    page = missions.clearance_page(found, origin_of(one.provenance))
+    page = missions.damage_page(found, origin_of(one.provenance))
     cards = Cards(page.html())
     sign = to_sign({"stops": 11.23e-3}, verdicts_of(found))
     assert length(cards.largest) == pytest.approx(sign, rel=1e-9)
@@ -313,11 +312,13 @@ def test_the_page_of_a_damage_shows_the_number_to_sign(
 
 @pytest.mark.parametrize("kind", ["phases", "damage"])
 def test_a_page_of_many_pairs_lists_where_each_stop_goes(
-    phases: MissionSizing, drawn: Drawn, kind: str
+    phases: Sizing, drawn: Drawn, kind: str
 ) -> None:
     """Two pairs round to the same clearance; sentence and cards name that with the larger one."""
     stops = [pair(name, name[0], 4.0) for name in ("x near", "x far", "x too", "z", "z too")]
     values = (3e-3, 16.06e-3, 16.02e-3, 9e-3, 8e-3)
+    page_of: Any = missions.phases_page
+    told_of: Any = sizing_told
     found: ClearanceAnswer = replace(
         phases,
         scene=uncoupled(*stops).replace(phases=phases.scene.phases),
@@ -327,6 +328,7 @@ def test_a_page_of_many_pairs_lists_where_each_stop_goes(
         },
     )
     if kind == "damage":
+        page_of, told_of = missions.damage_page, damage_ratio_told
         row = {"clearance": 16e-3, "damage_ratio": 2.0, "standard_error": 0.1, "by": "clusters"}
         found = DamageSizing(
             scene=found.scene.replace(phases=[]), ratio=2.0, mission=3600.0, sigma=1.0,
@@ -343,10 +345,10 @@ def test_a_page_of_many_pairs_lists_where_each_stop_goes(
         "Copy into the scene file: the stops of 5 pairs, as the table of -v and of the page "
         "lists them"
     ]
-    page = missions.clearance_page(found, origin_of(found.provenance))
+    page = page_of(found, origin_of(found.provenance))
     cards = Cards(page.html())
     assert [*cards.lengths()] == [f"Clearance of {name} to make" for name in ("x near", "x far")]
-    (told,) = [each for each in clearance_told(found).sections if each.grids]
+    (told,) = [each for each in told_of(found).sections if each.grids]
     places = told.grids[0]
     assert [(row[0], row[1], row[-1]) for row in places.rows] == [
         ("x near", "3.0 mm", "0.003"), ("x far", "16.1 mm", "0.0161"),
@@ -445,9 +447,7 @@ def test_the_page_of_the_replay_of_a_box_shows_the_number_to_sign(
         assert f"{name}: largest absolute acceleration (g)" in rows
 
 
-def test_the_page_of_a_risk_says_for_which_noise_it_holds(
-    phases: MissionSizing, drawn: Drawn
-) -> None:
+def test_the_page_of_a_risk_says_for_which_noise_it_holds(phases: Sizing, drawn: Drawn) -> None:
     """What the record needs comes first where it contradicts; no card states a risk without saying
     for what."""
     scene = phases.scene

@@ -449,7 +449,7 @@ class ClearanceAnswer(Result):
     @property
     def how(self) -> str:
         """How the clearances were found, in words."""
-        return "all phases together"
+        return "the damage of equipment at clearances that were tried"
 
     def extremes(self) -> tuple[str, str]:
         """Names of the pairs with the smallest and with the largest clearance."""
@@ -628,52 +628,6 @@ class ClearanceAnswer(Result):
         return {"method": self.kind, "verdict": self.verdict(), "made": made, **found}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class SizedWithin(ClearanceAnswer):
-    """Clearances that keep a risk, within tolerances.
-
-    Parameters
-    ----------
-    allowed
-        The tolerances that were asked for, within all of which the clearances to make keep the
-        target.
-    tolerances
-        A row per end of the tolerances. The last row is the largest of each column over their whole
-        region. Columns: `change`; under its name the clearance of each sized pair for the same risk
-        (m, from the nominal mean gap); `factor`, the largest of them over the nominal one; and
-        `probability` of any impact at the nominal clearances. Without tolerances there is at most
-        the first row, "as stated".
-    """
-
-    allowed: Tolerances = field(default_factory=Tolerances)
-    tolerances: DataFrame = kept_table(())
-
-    @property
-    def varies(self) -> bool:
-        """Whether the clearances to make are for more than the scene as stated."""
-        return self.allowed != Tolerances()
-
-    @property
-    def within(self) -> str:
-        """The tolerances of the clearances to make, in words; empty without."""
-        return f" within {self.allowed.in_words()}" if self.allowed != Tolerances() else ""
-
-    @property
-    def needed(self) -> Mapping[str, float]:
-        """The clearance of each sized pair within the tolerances, m; empty where it was not
-        found."""
-        if len(rows := rows_of(self, "tolerances")) > 1:
-            return {name: float(rows[-1][name]) for name in self.clearances}
-        stated = {name: each.value for name, each in self.clearances.items()}
-        return stated if self.allowed == Tolerances() else {}
-
-    @property
-    def rounded(self) -> Mapping[str, RoundedClearance]:
-        """The clearance of each sized pair, rounded up: the calculated one or, where tolerances
-        were asked for, the largest within them. Empty where the largest were not found."""
-        return {name: RoundedClearance.of(each) for name, each in self.needed.items()}
-
-
 NO_PAIR = "stops"
 """Name of the stops to come of a mass that has none yet."""
 
@@ -731,24 +685,41 @@ OF_SEVERAL = (
     "pair", "common", "probability", "expected_hits", "pairs", "as_given", "tolerances", "box",
     "worst_at",
 )  # fmt: skip
-"""JSON keys that only a sizing by the curve of one gap has, and that only one of several gaps
-has."""
+OF_PHASES = ("phases", "records", "assumptions")
+OF_NO_PHASES = (
+    "by", "three_sigma", "required", "screening", "production", "fell_short", "kept_with",
+)  # fmt: skip
+"""JSON keys that only a sizing by the curve of one gap has, only one of several gaps, only one of
+phases, and those that one of phases does not have."""
+
+NOT_OF_PHASES: Any = None
+"""What a sizing of phases does not have."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Sizing(SizedWithin):
+class Sizing(ClearanceAnswer):
     """The clearances that keep a target, and the evidence for them.
 
     One mass with one pair, or without stops yet, is sized by the curve of risk of its gap. Gaps of
-    a structure are sized together. Their evidence differs: what the other way does not have is None
-    or empty.
+    a structure are sized together, and so are the phases of a mission. Their evidence differs: what
+    a way does not have is None or empty.
 
     Parameters
     ----------
     scene
         The scene that was sized, as it was given.
+    allowed
+        The tolerances that were asked for, within all of which the clearances to make keep the
+        target.
+    tolerances
+        For a structure and for phases, a row per end of the tolerances. The last row is the largest
+        of each column over their whole region. Columns: `change`; under its name the clearance of
+        each sized pair for the same risk (m, from the nominal mean gap); `factor`, the largest of
+        them over the nominal one; and `probability` of any impact at the nominal clearances.
+        Without tolerances, or where the largest were not found, there is at most the first row, "as
+        stated".
     target, mission
-        The target of the sizing, and seconds of exposure.
+        The target of the sizing, and seconds of exposure: of all phases together.
     clearances
         By sized pair, m per side from the static equilibrium, with the 95 % interval, for the scene
         as stated; `made` and `each_made` are those to make. `clearance` is that of the only pair,
@@ -759,6 +730,11 @@ class Sizing(SizedWithin):
         nearer one); `probability_alone` (of an impact if this pair alone had stops);
         `share_of_first_hits`; and the `expected_hits` on it in the mission with their
         `impact_speed_mean` (m/s; NaN where unknown).
+    phases
+        By phase its `duration` (s), `displacement_std` of the widest gap and `shift` of its static
+        equilibrium (m). `probability` is that of any impact at the clearances, and `share` the
+        part of the phase in the hazard. `clearance` of that gap is what the phase alone needs for
+        the target (NaN where it does not matter).
     curve
         For one mass, a row per clearance, from one run: `clearance` (m), `clearance_in_sigma`,
         `rice_rate` (1/s, both sides), `first_hit_rate` (1/s, the limit that the rate of first
@@ -768,6 +744,8 @@ class Sizing(SizedWithin):
         For a structure, a row per risk: `probability_alone` of each sized pair; the clearance of
         each sized pair under its name (m); `probability` with its limits; and `independent`, the
         same if impacts of the pairs were independent.
+
+        For phases, `probability` with its limits over the `clearance` of the widest gap.
     three_sigma
         Risk and impacts at the clearance of the rule "three times the linear rms".
     required
@@ -784,7 +762,7 @@ class Sizing(SizedWithin):
         where they are unknown.
     record
         Whether measured records move the gaps as Gaussian noise would, and the clearances that they
-        need; None without a record.
+        need; of phases the one to know first; None without a record.
     production
         The risk of the production whose units differ, and the clearances that it needs, which
         `made` then has; None without distributions of tolerances.
@@ -827,6 +805,10 @@ class Sizing(SizedWithin):
     worst_at
         By sized pair of a structure, where within the tolerances its clearance is largest, in
         words.
+    records
+        Verdicts on the measured records, by the phases that have one.
+    assumptions
+        Assumptions of a mission of phases, in words.
 
     See Also
     --------
@@ -835,21 +817,27 @@ class Sizing(SizedWithin):
 
     kind = "size"
     in_document: ClassVar = {"by": "method"}
-    sometimes = (*OF_ONE, *OF_SEVERAL)
+    sometimes = (*OF_ONE, *OF_SEVERAL, *OF_PHASES, *OF_NO_PHASES)
 
     @property
     def omitted(self) -> Sequence[str]:
-        """What the document leaves out: the evidence of the other way to size."""
-        return OF_ONE if self.several else OF_SEVERAL
+        """What the document leaves out: the evidence of other ways to size."""
+        if not self.scene.phases:
+            return *OF_PHASES, *(OF_ONE if self.several else OF_SEVERAL)
+        found = {*OF_ONE, *OF_SEVERAL, *OF_NO_PHASES}
+        return [*(found - {"tolerances"} if len(rows_of(self, "tolerances")) else found)]
 
+    allowed: Tolerances = field(default_factory=Tolerances)
+    tolerances: DataFrame = kept_table(())
     target: Target
     mission: float
-    pairs: DataFrame = kept_table()
+    pairs: DataFrame = kept_table(())
+    phases: DataFrame = kept_table(())
     curve: DataFrame = kept_table()
-    three_sigma: ThreeSigma
-    required: DataFrame = kept_table()
-    screening: Screening
-    method: str
+    three_sigma: ThreeSigma = NOT_OF_PHASES
+    required: DataFrame = kept_table(())
+    screening: Screening = NOT_OF_PHASES
+    method: str = "all phases together"
     expected_hits: Estimate | None = None
     record: RecordVerdict | None = None
     production: Production | None = None
@@ -866,12 +854,18 @@ class Sizing(SizedWithin):
     as_given: Probability | None = None
     box: BoxOverview | None = None
     worst_at: Mapping[str, str] = field(default_factory=dict)
+    records: Mapping[str, RecordVerdict] = field(default_factory=dict)
+    assumptions: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.record is None and (name := most_alarming(self.records)) is not None:
+            object.__setattr__(self, "record", self.records[name])
 
     @property
     def several(self) -> bool:
         """Whether gaps of a structure were sized together, be it one of several that was asked for;
         else the curve of risk of one gap says all."""
-        return "probability_alone" in vars(self)["curve"]
+        return super().several or "probability_alone" in vars(self)["curve"]
 
     @property
     def how(self) -> str:
@@ -882,6 +876,8 @@ class Sizing(SizedWithin):
     def quantities(self) -> Mapping[str, Any]:
         """The clearances, and as parts of the "size" three sigma and the impacts."""
         three, found = self.three_sigma, super().quantities
+        if self.scene.phases:
+            return found
         of_one = {
             "three_sigma": Estimate(value=three.clearance),
             "rms_displacement": Estimate(value=self.sigma),
@@ -929,7 +925,12 @@ class Sizing(SizedWithin):
     @property
     def varies(self) -> bool:
         """Whether the clearances to make are for more than the scene as stated."""
-        return self.production is not None or super().varies
+        return self.production is not None or self.allowed != Tolerances()
+
+    @property
+    def within(self) -> str:
+        """The tolerances of the clearances to make, in words; empty without."""
+        return f" within {self.allowed.in_words()}" if self.allowed != Tolerances() else ""
 
     @property
     def seed(self) -> int:
@@ -939,14 +940,41 @@ class Sizing(SizedWithin):
 
     @property
     def needed(self) -> Mapping[str, float]:
-        """The same; for a production the clearance that its mean risk needs."""
+        """The clearance of each sized pair for the target, m: the largest within the tolerances or,
+        for a production, what its mean risk needs. Empty where that was not found."""
         if self.production is not None:
             return {name: each.value for name, each in self.production.clearances.items()}
-        if self.several or self.allowed == Tolerances():
-            stated = {name: each.value for name, each in self.clearances.items()}
-            return super().needed or stated
+        if rows := rows_of(self, "tolerances")[1:]:
+            return {name: float(rows[-1][name]) for name in self.clearances}
+        if self.allowed == Tolerances():
+            return {name: each.value for name, each in self.clearances.items()}
         worst = math.nan if self.worst_case is None else self.worst_case["clearance"].iloc[-1]
         return {} if math.isnan(worst) else dict.fromkeys(self.clearances, float(worst))
+
+    @property
+    def rounded(self) -> Mapping[str, RoundedClearance]:
+        """Those clearances, rounded up."""
+        return {name: RoundedClearance.of(each) for name, each in self.needed.items()}
+
+    @property
+    def doubtful(self) -> Mapping[str, RecordVerdict] | RecordVerdict | None:
+        """The verdicts on records that do not agree with the Gaussian noise of the sizing; by their
+        phases, where there are any."""
+        if not self.scene.phases:
+            return super().doubtful
+        return {name: each for name, each in self.records.items() if not each.agrees}
+
+    @property
+    def hanging(self) -> Scene:
+        """The scene with the mount as stated, in no phase warm or cold."""
+        return as_stated(self.scene) if self.scene.phases else self.scene
+
+    def densities(self) -> dict[str, list[Table]]:
+        """The densities of the accelerations in each phase, level included."""
+        return {
+            phase.name: [table for table, _ in without_peaks(model_of(phase.of(self.scene))).tables]
+            for phase in self.scene.phases
+        }
 
     @property
     def gap(self) -> StopPositions:
@@ -961,7 +989,8 @@ class Sizing(SizedWithin):
         target, mission, within = self.target, self.mission, self.within
         if self.widest is None:
             return f"No clearance was found that keeps the target{within}; raise budget."
-        kept = f"{target.kept(mission)}{within}"
+        over = f" over {len(self.phases)} phases" if len(rows_of(self, "phases")) > 1 else ""
+        kept = f"{target.kept(mission)}{over}{within}"
         if self.worst_case is not None and self.worst_case["note"].iloc[-1]:
             return (
                 f"{self.to_make}, which was not shown as accurately as asked for; raise budget. "
@@ -994,6 +1023,8 @@ class Sizing(SizedWithin):
     def calculated(self) -> str:
         """Evidence for the clearances to make: those calculated for the scene as stated, and the
         impacts to expect there."""
+        if self.scene.phases:
+            return super().calculated()
         low, high = min(self.clearances.values(), key=lambda each: each.value), self.clearance
         text = f"calculated{' as stated' * self.varies}: {LENGTH.text(low.value)}"
         if self.several:
@@ -1023,6 +1054,16 @@ class Sizing(SizedWithin):
         first = -math.log1p(-min(self.any_hit or 0.0, NEARLY_CERTAIN))
         return f"{first:.2g} to {found.upper_95:.2g}"
 
+    def decides(self) -> str:
+        """The phase that decides; empty of one phase, and without phases."""
+        if len(rows_of(self, "phases")) < 2:
+            return ""
+        most = self.phases.iloc[int(np.argmax(self.phases["share"]))]
+        share = spoken_percent(most["share"])
+        return (
+            f"Phase {most['phase']} of {spoken_mission(most['duration'])} has {share} of the risk"
+        )
+
     @property
     def shown_to_keep(self) -> bool:
         """Whether the target was shown to be kept at the clearance: not where too few samples speak
@@ -1034,14 +1075,18 @@ class Sizing(SizedWithin):
         return most <= (self.target.exceedance or 0.0)
 
     def to_frame(self) -> DataFrame:
-        """The curve of risk against clearance."""
-        return self.curve
+        """The curve of risk against clearance, or the phases."""
+        return self.phases if self.scene.phases else self.curve
 
     def _shown(self) -> DataFrame:
+        if self.scene.phases:
+            return self.phases
         return self.pairs if self.several else self.required
 
     def _document(self) -> dict[str, Any]:
         found = super()._document()
+        if self.scene.phases:
+            return found
         own: dict[str, Any] = {"three_sigma": Probability.of(self.three_sigma.probability)}
         if not self.several:
             own = {"clearance_in_sigma": self.clearance.value / self.sigma, "gap": self.gap}
@@ -1051,8 +1096,8 @@ class Sizing(SizedWithin):
         return found | own
 
 
-PairsSizing = Sizing
-"""The name that sizings of several pairs had."""
+PairsSizing = MissionSizing = Sizing
+"""The names that sizings of several pairs and of phases had."""
 
 
 def _in_three(length: float) -> str:
@@ -1194,104 +1239,6 @@ class DamageSizing(ClearanceAnswer):
         apart = np.abs(self.tried["clearance"] - self.clearance.value)
         near = self.tried.iloc[int(np.argmin(apart))]
         return f"Equipment of {near['frequency_hz']:.3g} Hz decides"
-
-
-# ------------------------------------------------------------------------------
-# What a sizing of a mission of several phases returns.
-# ------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class MissionSizing(SizedWithin):
-    """The clearance of a mission of several phases.
-
-    Parameters
-    ----------
-    scene
-        The scene with its phases; stops are at the places that the scene states.
-    target
-        Probability of any impact in the whole mission.
-    mission
-        Duration of all phases, s.
-    clearances
-        By pair, metres per side from the static equilibrium of the mount as stated, with the 95 %
-        interval. Each pair alone would be hit in the mission with the same probability.
-    phases
-        By phase its `duration` (s), `displacement_std` of the widest gap and `shift` of its static
-        equilibrium (m). `probability` is that of any impact at the clearances, and `share` the
-        part of the phase in the hazard. `clearance` of that gap is what the phase alone needs for
-        the target (NaN where it does not matter).
-    curve
-        `probability` of an impact in the mission over `clearance`, with its 95 % limits
-        `probability_low` and `probability_high`.
-    records
-        Verdicts on the measured records, by the phases that have one.
-
-    See Also
-    --------
-    stochvi.size : The calculation.
-    """
-
-    kind = "size"
-    in_document: ClassVar = {"record": "record"}
-    sometimes = ("tolerances",)
-
-    target: Target
-    mission: float
-    phases: DataFrame
-    curve: DataFrame
-    records: Mapping[str, RecordVerdict] = field(default_factory=dict)
-    assumptions: tuple[str, ...] = ()
-
-    @property
-    def doubtful(self) -> Mapping[str, RecordVerdict]:
-        """The verdicts on records that do not agree with the Gaussian noise of the sizing."""
-        return {name: each for name, each in self.records.items() if not each.agrees}
-
-    @property
-    def record(self) -> RecordVerdict | None:
-        """The verdict on the record that a reader must know first; None without records."""
-        name = most_alarming(self.records)
-        return None if name is None else self.records[name]
-
-    def densities(self) -> dict[str, list[Table]]:
-        """The densities of the accelerations in each phase, level included."""
-        return {
-            phase.name: [table for table, _ in without_peaks(model_of(phase.of(self.scene))).tables]
-            for phase in self.scene.phases
-        }
-
-    @property
-    def fell_short(self) -> tuple[str, ...]:
-        """Warnings of an accuracy that was not reached."""
-        return tuple(self.warnings)
-
-    @property
-    def hanging(self) -> Scene:
-        """The scene with the mount as stated, neither warm nor cold."""
-        return as_stated(self.scene)
-
-    def to_frame(self) -> DataFrame:
-        """The phases."""
-        return self.phases
-
-    def for_noise(self) -> str:
-        """The clearance to make and the risk that it keeps, in words."""
-        if self.widest is None:
-            return f"No clearance was found that keeps the target{self.within}; raise budget."
-        over = f" over {len(self.phases)} phases" if len(self.phases) > 1 else ""
-        kept = f"{self.target.kept(self.mission)}{over}{self.within}"
-        return self._kept(kept, self.target.accepted, " as stated" * self.varies)
-
-    def decides(self) -> str:
-        """The phase that decides; empty of one phase."""
-        if len(self.phases) == 1:
-            return ""
-        most = self.phases.iloc[int(np.argmax(self.phases["share"]))]
-        share = spoken_percent(most["share"])
-        return (
-            f"Phase {most['phase']} of {spoken_mission(most['duration'])} has {share} of the risk"
-        )
 
 
 def as_stated(scene: Scene) -> Scene:

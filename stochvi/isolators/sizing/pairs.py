@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -598,11 +598,18 @@ class SharedRisk(Family):
         chance = self.chance(place)
         if not by_hits:
             chance = replace(chance, value=target.value)
-        table, worst_at = tolerance_table(
-            self.scene, self.job.allowed, self.stops(place), self.sized, min(chance.value, KNOWN),
-            min((target.exceedance or 1.0) / chance.value, 1.0),
-            [self.sized[number] for number in self.shared],
+        known = partial(
+            tolerance_table, self.scene, stops=self.stops(place), sized=self.sized,
+            probability=min(chance.value, KNOWN),
+            harm=min((target.exceedance or 1.0) / chance.value, 1.0),
+            common=[self.sized[number] for number in self.shared],
+            deadline=self.job.deadline.in_no_less_than(SEARCH.least_seconds),
         )  # fmt: skip
+        try:
+            table, worst_at = known(self.job.allowed)
+        except (NotConverged, Interrupted) as reason:
+            self.job.short(f"the largest clearances within the tolerances were not found: {reason}")
+            table, worst_at = known(Tolerances())
         return {
             "pair": self.pair, "common": tuple(self.job.asked.common), "probability": chance,
             "as_given": None if self.given is None else Probability.of(self.given),

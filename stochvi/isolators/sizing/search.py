@@ -409,6 +409,7 @@ class SizingJob:
     def answer(self, found: Reached) -> Sizing:
         """The answer at a place, with the other numbers that belong to it."""
         method, place = self.method, self.method.within_ends(found.place)
+        own = method.own_fields(place)  # before the impacts, which may take all the time
         three, marked = method.three_sigma(), {"recommended": place}
         if method.three_sigma_place is not None:
             marked = {"three_sigma": method.three_sigma_place, **marked}
@@ -418,7 +419,6 @@ class SizingJob:
             trial = self.hits_or_warning(place)
         self.warn(trial, marked)
         counts, linear = None if trial is None else trial.counts, screened(self.scene)
-        own = method.own_fields(place)
         return Sizing(
             scene=self.scene, target=self.target, mission=self.mission, screening=linear,
             record=linear.record, allowed=self.allowed, kept_with=self.kept_with,

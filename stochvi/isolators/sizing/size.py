@@ -18,7 +18,6 @@ from stochvi.isolators.screening import at_clearances, check_movable
 from stochvi.isolators.sizing.answer import (
     Clearance,
     DamageSizing,
-    MissionSizing,
     Question,
     Sizing,
     Target,
@@ -390,7 +389,7 @@ class Joint:
         return Clearance(value=value, lower=value - reach, upper=value + reach)
 
     def curve(self, place: float) -> DataFrame:
-        """The table of `MissionSizing.curve`."""
+        """The table of `Sizing.curve`."""
         places = place * np.linspace(1.0 - AROUND, 1.0 + AROUND, POINTS)
         found = [self.hazard(each) for each in places]
         value, half = np.array([(each.value, each.half) for each in found]).T
@@ -494,7 +493,7 @@ noise of varying level may be, by steps of as much."""
 def size_mission(
     scene: Scene, target: Target, run: Run, common: Sequence[str] = (),
     tolerances: Tolerances | None = None,
-) -> MissionSizing:  # fmt: skip
+) -> Sizing:  # fmt: skip
     """The clearance of a scene with phases, see `size`."""
     if target.name != "probability":
         raise NotApplicable(
@@ -566,7 +565,8 @@ def size_mission(
         scene=scene, target=target, allowed=allowed, phases=phases, joint=joint, shared=shared,
         names=names, at=at, place=clearance.value,
     ).table(rest)  # fmt: skip
-    return MissionSizing(
+    short = [*joint.short(run.accuracy), *short]
+    return Sizing(
         scene=scene, target=target, mission=sum(phase.duration for phase in phases.values()),
         clearances={
             name: Clearance(value=value, lower=lower, upper=upper)
@@ -594,7 +594,7 @@ def size_mission(
             for name, phase in phases.items()
             if (verdict := record_verdict(phase.scene)) is not None
         },
-        warnings=[*joint.short(run.accuracy), *short], cost=whole.cost(),
+        warnings=short, fell_short=tuple(short), cost=whole.cost(),
         provenance=provenance(scene.document(), run.seed),
     )  # fmt: skip
 
@@ -633,7 +633,7 @@ def _table(
     phases: Mapping[str, PhaseMotion], joint: Joint, place: float, widest: int,
     needed: Mapping[str, float],
 ) -> DataFrame:  # fmt: skip
-    """The table of `MissionSizing.phases` at a clearance of the widest gap, with the one that a
+    """The table of `Sizing.phases` at a clearance of the widest gap, with the one that a
     phase alone needs where it is known."""
     total = joint.hazard(place).value
     rows = []
@@ -769,7 +769,7 @@ class ChangedMissions:
         return Joint(hazards, self.joint.steps).clearance(self.hazard, guess).value
 
     def table(self, run: Run) -> tuple[DataFrame, list[str]]:
-        """The table of `MissionSizing.tolerances`, and a sentence where the worst is not in it."""
+        """The table of `Sizing.tolerances`, and a sentence where the worst is not in it."""
         if self.allowed == Tolerances():
             return frame_of(), []
         found = [("as stated", np.array([self.place, self.hazard]))]
@@ -1064,7 +1064,7 @@ def size(
     spreads: Mapping[str, Spread] | None = None,
     mission: float | None = None,
     **options: Unpack[RiskOptions],
-) -> Sizing | MissionSizing:
+) -> Sizing:
     """The clearance per side that an isolator, or each of several pairs, needs for one target.
 
     Parameters
@@ -1108,7 +1108,7 @@ def size(
 
     Returns
     -------
-    Sizing | MissionSizing
+    Sizing
         The clearance, its interval and its evidence; with several pairs, for each of them; with
         phases, for all of them together.
 
@@ -1156,7 +1156,7 @@ def risk_curve(
     tolerances: Tolerances | None = None,
     mission: float | None = None,
     **options: Unpack[AccuracyOptions],
-) -> Sizing | MissionSizing:
+) -> Sizing:
     """The risk of any impact over clearance, and the clearance that an accepted risk needs.
 
     The curve, the clearance and their intervals are those of `size`. Impacts at the clearance and
@@ -1176,7 +1176,7 @@ def risk_curve(
 
     Returns
     -------
-    Sizing | MissionSizing
+    Sizing
         The answer of `size`; what is simulated with the stops is None in it, or empty.
 
     Raises
@@ -1205,7 +1205,7 @@ def risk_curve(
 
 def _sized(
     scene: Scene, asked: Question, mission: float | None, spreads: Mapping[str, Spread] | None
-) -> Sizing | MissionSizing:
+) -> Sizing:
     """The answer of a question; the mission is that of the caller, None where none was given."""
     check_movable(scene)
     run = asked.run
@@ -1287,7 +1287,7 @@ def _of_production(scene: Scene, asked: Question, spreads: Mapping[str, Spread])
 def _of_phases(
     scene: Scene, target: Target, mission: float | None, run: Run, common: Sequence[str],
     tolerances: Tolerances | None, **others: object,
-) -> MissionSizing:  # fmt: skip
+) -> Sizing:  # fmt: skip
     """The sizing of a scene with phases; refuses arguments that are not for phases."""
     if mission is not None:
         raise ValueError(

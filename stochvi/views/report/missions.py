@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stochvi.isolators.sizing.answer import ClearanceAnswer, DamageSizing, MissionSizing
+from stochvi.isolators.sizing.answer import ClearanceAnswer, DamageSizing, Sizing
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import ACCELERATION, DENSITY, spoken_mission
 from stochvi.results.estimates import spoken_percent
@@ -27,15 +27,17 @@ from stochvi.views.axes import (
     axes_or_new,
 )
 from stochvi.views.isolator_tables import (
-    clearance_told,
+    damage_ratio_told,
     production_section,
     record_told,
+    sizing_told,
 )
 from stochvi.views.pages import (
     Fact,
     Page,
     Picture,
     Section,
+    Told,
     page_of,
 )
 from stochvi.views.report.sections import (
@@ -72,55 +74,56 @@ if TYPE_CHECKING:
 # ------------------------------------------------------------------------------
 
 
-def clearance_page(found: ClearanceAnswer, origin: Origin) -> Page:
-    """The page of a clearance: what to make, what decides, where the stops stand."""
-    of = "Clearances" if found.several else "Clearance of an isolated mass"
-    if isinstance(found, MissionSizing):
-        phases = f"{len(found.phases)} {'phases' if len(found.phases) > 1 else 'phase'}"
-        subtitle = f"{of} for a mission of {spoken_mission(found.mission)} in {phases}"
-        sections = [_environment(found), _stops(found)]
-    else:
-        assert isinstance(found, DamageSizing)
-        subtitle = f"{of} by the damage of equipment in {spoken_mission(found.mission)}"
-        sections = [_stops(found)]
-    return page_of(
-        clearance_told(found),
-        found.scene.title or "Clearance",
-        subtitle,
-        [*clearance_cards(found), *_cards(found)],
-        origin,
-        sections,
-        found.hanging.assumptions(),
-        [f"Calculated in {found.cost.wall_time:.3g} s. size.json holds all numbers."],
-    )
+def phases_page(found: Sizing, origin: Origin) -> Page:
+    """The page of the clearance for all phases: what to make, what decides, where the stops
+    stand."""
+    mission, number = spoken_mission(found.mission), len(found.phases)
+    worst = found.phases.iloc[int(np.argmax(found.phases["share"]))]
+    noise = ", for Gaussian noise alone" if found.doubtful else ""
+    cards = [
+        Fact(
+            "Probability of any impact", spoken_percent(found.target.value),
+            f"at the calculated clearance{noise}, in the whole mission of {mission}",
+        ),
+        Fact(
+            "Phase that decides", str(worst["phase"]),
+            f"{spoken_percent(worst['share'])} of the risk in {spoken_mission(worst['duration'])}",
+        ),
+    ]  # fmt: skip
+    of = f"for a mission of {mission} in {number} {'phases' if number > 1 else 'phase'}"
+    return _clearance_page(found, sizing_told(found), of, cards, [_environment(found)], origin)
 
 
-def _cards(found: ClearanceAnswer) -> list[Fact]:
-    if isinstance(found, MissionSizing):
-        worst = found.phases.iloc[int(np.argmax(found.phases["share"]))]
-        noise = ", for Gaussian noise alone" if found.doubtful else ""
-        return [
-            Fact(
-                "Probability of any impact", spoken_percent(found.target.value),
-                f"at the calculated clearance{noise}, in the whole mission of "
-                f"{spoken_mission(found.mission)}",
-            ),
-            Fact(
-                "Phase that decides", str(worst["phase"]),
-                f"{spoken_percent(worst['share'])} of the risk in "
-                f"{spoken_mission(worst['duration'])}",
-            ),
-        ]  # fmt: skip
-    assert isinstance(found, DamageSizing)
-    return [
+def damage_page(found: DamageSizing, origin: Origin) -> Page:
+    """The page of the clearance for a ratio of damage."""
+    cards = [
         Fact("Accepted damage", f"{found.ratio:.4g} times", "that without stops"),
         Fact(
             "Q and exponent", f"{found.damage.quality:g}, {found.damage.exponent:g}", "of equipment"
         ),
     ]
+    of = f"by the damage of equipment in {spoken_mission(found.mission)}"
+    return _clearance_page(found, damage_ratio_told(found), of, cards, [], origin)
 
 
-def _environment(found: MissionSizing) -> Section:
+def _clearance_page(
+    found: ClearanceAnswer, told: Told, of: str, cards: Sequence[Fact],
+    sections: Sequence[Section], origin: Origin,
+) -> Page:  # fmt: skip
+    what = "Clearances" if found.several else "Clearance of an isolated mass"
+    return page_of(
+        told,
+        found.scene.title or "Clearance",
+        f"{what} {of}",
+        [*clearance_cards(found), *cards],
+        origin,
+        [*sections, _stops(found)],
+        found.hanging.assumptions(),
+        [f"Calculated in {found.cost.wall_time:.3g} s. size.json holds all numbers."],
+    )
+
+
+def _environment(found: Sizing) -> Section:
     """What shakes in each phase."""
     scene, densities = found.scene, found.densities()
     return Section(

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from stochvi.isolators.sizing.answer import (
     MOST_NAMED,
     ClearanceAnswer,
-    SizedWithin,
     Sizing,
     places_in_words,
     sides_in_words,
@@ -109,9 +108,9 @@ def _place(found: ClearanceAnswer) -> list[Fact]:
     sides = sides_in_words(found.hanging, found.clearances)
     enough = within = stated = sigmas = ""
     interval = f"{limits_of(c.lower, c.upper)} (95 % of the calculation)"
-    if isinstance(found, SizedWithin) and found.within:
+    if isinstance(found, Sizing) and found.within:
         within, stated = f"{found.within.lstrip()}; ", "without tolerances; "
-    if isinstance(found, Sizing):
+    if isinstance(found, Sizing) and not found.scene.phases:
         sigmas = f", {c.value / found.sigma:.2f} sigma"
         if found.kept_with is not None:
             enough, interval = "enough, and less may be; ", "the nearest stops that can be judged"

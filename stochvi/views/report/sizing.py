@@ -34,6 +34,7 @@ from stochvi.views.pages import (
     Section,
     page_of,
 )
+from stochvi.views.report.missions import phases_page
 from stochvi.views.report.sections import (
     box_sections,
     clearance_cards,
@@ -299,6 +300,8 @@ def write_sizing_files(
 ) -> None:  # fmt: skip
     """Write the picture of the risk, and the tables of a page as CSV files; the names of their
     columns state SI units."""
+    if sizing.scene.phases:
+        return
     # this picture comes first, since those of the page may be left out for want of time
     title = sizing.scene.title or "clearance and risk"
     try_picture(lambda: add_title(plot_sizing(sizing), title), folder / "risk.png")
@@ -333,6 +336,8 @@ def sizing_page(
     sensitivity: DataFrame | None = None,
 ) -> Page:
     """The page of a sizing; that of one mass needs its review."""
+    if sizing.scene.phases:
+        return phases_page(sizing, origin)
     told, number = sizing_told(sizing, sensitivity), len(sizing.pairs)
     what = f"Clearances of {number} pairs" if sizing.several else "Clearance of an isolated mass"
     if review is None:
