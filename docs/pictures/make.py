@@ -332,7 +332,7 @@ def explorer(path: Path) -> None:
             )
             page = browser.new_page(locale="en-US", viewport={"width": 1300, "height": 900})
             page.goto(address)
-            page.wait_for_selector(".state:text-matches('all known')", timeout=300_000)
+            page.wait_for_selector("header .state:text-matches('all known')", timeout=300_000)
             page.screenshot(path=path, full_page=True)
         server.terminate()
 

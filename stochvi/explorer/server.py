@@ -31,6 +31,9 @@ STATIC = Path(__file__).parent / "static"
 FILES = {
     "/": ("index.html", "text/html"),
     "/explore.js": ("explore.js", "text/javascript"),
+    "/figures.js": ("figures.js", "text/javascript"),
+    "/motion.js": ("motion.js", "text/javascript"),
+    "/pictures.js": ("pictures.js", "text/javascript"),
     "/page.js": ("page.js", "text/javascript"),
     "/explore.css": ("explore.css", "text/css"),
     "/icon.svg": ("icon.svg", "image/svg+xml"),
@@ -100,10 +103,13 @@ class Tabs:
 
     def __init__(self, end: Callable[[], None]) -> None:
         self.open, self.end = 0, end
+        self.ending: asyncio.TimerHandle | None = None
 
     async def beats(self) -> AsyncIterator[str]:
         """Signs of life for a tab."""
         self.open += 1
+        if self.ending is not None:  # else the next tab has what is left of the time of this one
+            self.ending.cancel()
         try:
             while True:
                 yield "\n"
@@ -111,11 +117,8 @@ class Tabs:
         finally:
             self.open -= 1
             if not self.open:
-                asyncio.get_running_loop().call_later(LEFT_SECONDS, self._left)
-
-    def _left(self) -> None:
-        if not self.open:
-            self.end()
+                loop = asyncio.get_running_loop()
+                self.ending = loop.call_later(LEFT_SECONDS, self.end)
 
 
 async def body_of(request: Request) -> bytes | None:

@@ -31,6 +31,7 @@ from stochvi.results.errors import StochviError
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import profiles
 from stochvi.scenes.scene import Scene
+from stochvi.views.tables import of_less_risk, of_three_sigma, of_your_stops
 
 FEW_PATHS, PATHS = 64, 512
 """Paths of the first simulation of a turn, and of its refinement."""
@@ -43,6 +44,8 @@ NEAR, FAR, PLACES = 0.8, 7.0, 60
 
 DOTS = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5)
 """Clearances that are simulated, and solved by the closure, in standard deviations."""
+
+LINEAR = "linear motion without stops"
 
 PERIODS, SAMPLES = 40, 40
 """Periods of the motion that moves on the page, and samples in each."""
@@ -102,16 +105,18 @@ class Turn:
         gap = linear.impact_pairs[self.pair]
         sigma = gap.displacement_std
         places = np.linspace(NEAR * sigma, FAR * sigma, PLACES)
+        rates = [gap.rate_at(float(each)) for each in places]
         return {
             "part": "linear",
             "numbers": [
-                stated("rms displacement", sigma, "m", "linear motion without stops"),
-                stated("three sigma", gap.three_sigma, "m", "linear motion without stops"),
-                stated("impact rate by Rice", gap.rice_rate, "1/s", "crossings without stops"),
+                stated("rms displacement", sigma, "m", LINEAR),
+                stated("usual rule: three sigma", gap.three_sigma, "m", LINEAR),
+                stated("usual rule: impact rate by Rice", gap.rice_rate, "1/s", LINEAR),
             ],
             "three_sigma": gap.three_sigma,
             "clearances": places.tolist(),
-            "rice": [gap.rate_at(float(each)) for each in places],
+            "rice": rates,
+            "rice_probability": [-math.expm1(-each * self.mission) for each in rates],
         }  # fmt: skip
 
     def closure(self) -> Message:
@@ -151,7 +156,8 @@ class Turn:
             "name": "required clearance", "unit": "m", "value": clearance.value,
             "low": clearance.lower, "high": clearance.upper, "method": found.method,
         }  # fmt: skip
-        return {"part": "risk", "numbers": [required], "sentence": found.verdict(),
+        lines = [*of_your_stops(found), of_three_sigma(found), *of_less_risk(found)]
+        return {"part": "risk", "numbers": [required], "sentence": found.verdict(), "lines": lines,
                 "curve": {name: finite(column) for name, column in curve.items()}}  # fmt: skip
 
     def motion(self) -> Message:

@@ -6,7 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -42,7 +42,7 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture
 def page(browser: Any, address: str) -> Iterator[Any]:
-    """The page with its first turn answered; it asked nothing of other machines, without error."""
+    """The page with its first turn sized; it asked nothing of other machines, without error."""
     context = browser.new_context(locale="en-US", viewport={"width": 1400, "height": 1000})
     page = context.new_page()
     page.set_default_timeout(PATIENCE)
@@ -51,7 +51,7 @@ def page(browser: Any, address: str) -> Iterator[Any]:
     page.on("pageerror", lambda fault: faults.append(str(fault)))
     page.on("console", lambda told: told.type == "error" and faults.append(told.text))
     page.goto(address)
-    answered(page)
+    sized(page)
     yield page
     home = address.partition("#")[0]
     assert [url for url in asked if not url.startswith(home)] == []
@@ -59,39 +59,218 @@ def page(browser: Any, address: str) -> Iterator[Any]:
     context.close()
 
 
-def answered(page: Any) -> str:
-    """The sentence of a turn whose answers are all there."""
-    page.wait_for_selector(".state:text-matches('all known')")
-    return page.inner_text(".answer")
+def answered(page: Any) -> None:
+    """Waits until all answers of a turn are there."""
+    page.wait_for_selector("header .state:text-matches('all known')")
+
+
+def sized(page: Any) -> None:
+    """Waits until the sentence of a turn is there; its refinement follows."""
+    page.wait_for_selector(".stochvi-explore:not(.stale) .answer:not(:empty)")
+
+
+# ------------------------------------------------------------------------------
+# What a turn shows.
+# ------------------------------------------------------------------------------
 
 
 def test_the_truck_needs_its_clearance(page: Any) -> None:
-    assert "11.21 (11.20 to 11.21) mm" in page.inner_text("table >> nth=-1")
-    assert "mm" in page.inner_text(".answer")
-    assert page.locator("figure canvas").count() == 3
+    assert "11.21 (11.20 to 11.21) mm" in page.inner_text("table.numbers")
+    assert "Make 11.3 mm on each side" in page.inner_text(".answer")
+    assert "Three sigma, 5.96 mm: hit almost surely" in page.inner_text(".facts")
+    assert page.locator(".pictures figure canvas").count() == 2
+
+
+def turned_by(page: Any, turn: Callable[[], None], wait: Callable[[Any], None] = sized) -> str:
+    """The table of numbers after a turn."""
+    turn()
+    page.wait_for_selector(".stochvi-explore.stale")
+    wait(page)
+    return page.inner_text("table.numbers")
 
 
 def test_every_knob_turns_by_the_keyboard(page: Any) -> None:
     for knob in page.locator("input[type=range]").all():
-        before = page.inner_text("table >> nth=-1")
-        knob.focus()
-        for _ in range(20):
-            page.keyboard.press("ArrowLeft")
-        page.wait_for_selector(".stochvi-explore.stale")
         answered(page)
-        name = knob.get_attribute("id")
+        before = page.inner_text("table.numbers")
+
+        def left(knob: Any = knob) -> None:
+            knob.focus()
+            for _ in range(20):
+                page.keyboard.press("ArrowLeft")
+
         # the law of the stops and their place change no linear motion, but what is simulated
-        assert page.inner_text("table >> nth=-1") != before, name
+        assert turned_by(page, left, answered) != before, knob.get_attribute("id")
+
+
+def test_everything_is_reached_by_the_tab_key_alone(page: Any) -> None:
+    wanted = page.locator("select, input, button:visible, [role=slider]").count()
+    page.evaluate("document.body.focus()")
+    reached = set()
+    for _ in range(wanted):
+        page.keyboard.press("Tab")
+        reached.add(page.evaluate(
+            "(e => e.id || e.dataset.side || e.getAttribute('aria-label') || e.textContent)"
+            "(document.activeElement)"
+        ))  # fmt: skip
+    assert len(reached) == wanted
+    assert {"units", "profile", "clearance", "lower", "upper"} <= reached
 
 
 def test_a_number_is_typed_and_units_switch(page: Any) -> None:
-    page.fill("input[aria-label='natural frequency, Hz, typed']", "20")
-    page.keyboard.press("Tab")
-    page.wait_for_selector(".stochvi-explore.stale")
-    answered(page)
-    page.select_option("#units", "in")
-    assert " in" in page.inner_text("table >> nth=-1")
+    typed = page.locator("input[aria-label='natural frequency, Hz, typed']")
+
+    def type_number() -> None:
+        typed.fill("20")
+        page.keyboard.press("Tab")
+
+    turned_by(page, type_number)
+    page.select_option("#units", "in, g")
+    assert " in" in page.inner_text("table.numbers")
+    assert " in on each side" in page.inner_text(".answer")
     assert page.locator("label", has_text="clearance per side, in").count() == 1
+
+
+def test_a_number_out_of_reach_is_told_where_it_ends(page: Any) -> None:
+    page.fill("input[aria-label='natural frequency, Hz, typed']", "200")
+    page.keyboard.press("Tab")
+    assert page.inner_text(".side .state") == "natural frequency goes from 3 Hz to 48 Hz"
+    assert page.input_value("input[aria-label='natural frequency, Hz, typed']") == "48"
+
+
+def test_a_stop_is_dragged_in_the_drawing_and_moved_by_the_arrow_keys(page: Any) -> None:
+    clearance = page.locator("input[aria-label^='clearance per side']")
+    grip = page.locator("[data-side=upper] .grip").bounding_box()
+    x, y = grip["x"] + grip["width"] / 2, grip["y"] + grip["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 60, y, steps=5)
+    page.mouse.up()
+    sized(page)
+    dragged = float(clearance.input_value())
+    assert 4.5 < dragged < 8.0
+    page.focus("[data-side=upper]")
+    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("ArrowLeft")
+    sized(page)
+    assert float(clearance.input_value()) < dragged
+    assert page.evaluate("document.activeElement.dataset.side") == "upper"
+
+
+def test_another_profile_needs_another_clearance(page: Any) -> None:
+    before = page.inner_text(".answer")
+    turned_by(page, lambda: page.select_option("#profile", "gevs-acceptance"))
+    assert page.inner_text(".answer") != before
+
+
+# ------------------------------------------------------------------------------
+# The setting stays, and a design is pinned.
+# ------------------------------------------------------------------------------
+
+
+def set_frequency(page: Any, value: str) -> None:
+    page.fill("#structure\\.frequency_hz ~ input", value)
+    page.keyboard.press("Tab")
+
+
+def frequency(page: Any) -> str:
+    return page.input_value("#structure\\.frequency_hz ~ input")
+
+
+def test_back_forward_and_a_reload_keep_the_setting(page: Any) -> None:
+    begin = page.inner_text(".answer")
+    page.wait_for_timeout(1100)
+    turned_by(page, lambda: set_frequency(page, "16"))
+    changed = page.inner_text(".answer")
+    page.reload()
+    sized(page)
+    assert (frequency(page), page.inner_text(".answer")) == ("16", changed)
+    turned_by(page, page.go_back)
+    assert (frequency(page), page.inner_text(".answer")) == ("12", begin)
+    turned_by(page, page.go_forward)
+    assert frequency(page) == "16"
+    turned_by(page, lambda: page.click("text=As in the scene"))
+    assert frequency(page) == "12"
+
+
+def test_a_pinned_design_is_compared_and_turned_back_to(page: Any) -> None:
+    table = page.locator("table.differences")
+    assert not table.is_visible()
+    page.click("text=Pin this design")
+    turned_by(page, lambda: set_frequency(page, "16"))
+    text = table.inner_text()
+    assert re.search(r"natural frequency\s+12 Hz\s+16 Hz\s+\+33 %", text)
+    assert re.search(r"required clearance\s+11.21 \(11.20 to 11.21\) mm\s+\d", text)
+    assert "damping ratio" not in text
+    assert page.locator(".legend >> text=pinned").count() >= 2
+    page.reload()
+    sized(page)
+    assert table.inner_text() == text
+    turned_by(page, lambda: page.click("text=Turn back to it"))
+    assert frequency(page) == "12"
+    page.click("text=Unpin")
+    assert not table.is_visible()
+
+
+def test_two_tabs_turn_apart(page: Any) -> None:
+    begin = page.inner_text(".answer")
+    other = page.context.new_page()
+    other.set_default_timeout(PATIENCE)
+    other.goto(page.url)
+    sized(other)
+    turned_by(other, lambda: set_frequency(other, "16"))
+    assert (frequency(page), page.inner_text(".answer")) == ("12", begin)
+    assert other.inner_text(".answer") != begin
+    other.close()
+
+
+# ------------------------------------------------------------------------------
+# Who reads it, and on what.
+# ------------------------------------------------------------------------------
+
+SCREENS = {
+    "wide": {"viewport": {"width": 1280, "height": 900}},
+    "wide, dark": {"viewport": {"width": 1280, "height": 900}, "color_scheme": "dark"},
+    "narrow": {"viewport": {"width": 390, "height": 800}},
+    "narrow, dark": {"viewport": {"width": 390, "height": 800}, "color_scheme": "dark"},
+    "200 %": {"viewport": {"width": 640, "height": 450}, "device_scale_factor": 2},
+}
+
+
+@pytest.mark.parametrize("screen", SCREENS)
+def test_it_is_accessible_and_fits(browser: Any, address: str, screen: str) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    page = browser.new_page(locale="en-US", **SCREENS[screen])
+    page.set_default_timeout(PATIENCE)
+    page.goto(address)
+    sized(page)
+    page.click("text=Pin this design")
+    turned_by(page, lambda: set_frequency(page, "14"))
+    found = axe.Axe().run(page)
+    assert found.violations_count == 0, found.generate_report()
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    page.close()
+
+
+def test_the_mass_rests_where_motion_is_unwanted(browser: Any, address: str) -> None:
+    page = browser.new_page(locale="en-US", reduced_motion="reduce")
+    page.set_default_timeout(PATIENCE)
+    page.goto(address)
+    sized(page)
+    places = []
+    for _ in range(2):
+        page.wait_for_timeout(100)
+        places.append(page.get_attribute(".mass", "transform"))
+    assert places[0] == places[1]
+    page.click("text=Move")
+    page.wait_for_timeout(300)
+    assert page.get_attribute(".mass", "transform") != places[0]
+    page.close()
+
+
+# ------------------------------------------------------------------------------
+# What is refused.
+# ------------------------------------------------------------------------------
 
 
 def test_a_refused_turn_leaves_no_sentence_of_another(page: Any) -> None:
@@ -101,7 +280,7 @@ def test_a_refused_turn_leaves_no_sentence_of_another(page: Any) -> None:
         body='{"type": "refused", "sentence": "this scene is refused"}\n',
     ))  # fmt: skip
     page.select_option("#profile", "navmat-p-9492")
-    page.wait_for_selector(".state:text-matches('this scene is refused')")
+    page.wait_for_selector("header .state:text-matches('this scene is refused')")
     assert page.inner_text(".answer") == ""
     assert page.locator(".stochvi-explore.stale").count() == 1
 
@@ -109,4 +288,6 @@ def test_a_refused_turn_leaves_no_sentence_of_another(page: Any) -> None:
 def test_without_its_token_the_page_says_what_to_open(browser: Any, address: str) -> None:
     page = browser.new_page(locale="en-US")
     page.goto(address.partition("#")[0])
-    page.wait_for_selector(".state:text-matches('open the address that stochvi explore printed')")
+    page.wait_for_selector(
+        "header .state:text-matches('open the address that stochvi explore printed')"
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 from collections.abc import Iterator
@@ -189,8 +190,8 @@ def test_the_linear_numbers_are_those_of_screen(client: TestClient, values: dict
     shown = {each["name"]: each["value"] for each in linear["numbers"]}
     assert shown == {
         "rms displacement": gap.displacement_std,
-        "three sigma": gap.three_sigma,
-        "impact rate by Rice": gap.rice_rate,
+        "usual rule: three sigma": gap.three_sigma,
+        "usual rule: impact rate by Rice": gap.rice_rate,
     }
 
 
@@ -243,3 +244,22 @@ def test_a_scene_that_the_page_does_not_show_is_refused(stochvi: Run) -> None:
     told = stochvi("explore", shipped_scene("rigid-box"), "--no-browser")
     assert told.code == 2
     assert "one impact_pair" in told.err
+
+
+def test_the_server_ends_a_while_after_its_last_tab_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "LEFT_SECONDS", 0.2)
+    ended = []
+
+    async def three_tabs() -> None:
+        tabs = server.Tabs(lambda: ended.append("ended"))
+        for _ in range(3):  # each opens before the server ends for the one before it
+            tab = tabs.beats()
+            await anext(tab)
+            await asyncio.sleep(0.15)
+            await tab.aclose()
+            await asyncio.sleep(0.1)
+            assert not ended
+        await asyncio.sleep(0.2)
+
+    asyncio.run(three_tabs())
+    assert ended == ["ended"]

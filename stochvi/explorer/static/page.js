@@ -1,10 +1,17 @@
 // The browser's side of the protocol: what a notebook's kernel is for `explore.js`, over fetch.
+// The setting of the knobs lives in the history of the tab, so that back, forward and a reload find
+// it; the pinned design in the storage of the tab. Neither leaves the browser, nor has the token.
 import explore from "./explore.js";
 
+const PAUSE = 1000; // ms after which a change of the setting is a step of the history
 const token = location.hash.slice(1);
 const headers = { "x-stochvi-token": token };
-const heard = [];
-let running = null;
+const hearers = {};
+const running = {};
+const changed = {};
+let last = 0;
+
+const tell = (event, ...what) => (hearers[event] ?? []).forEach((hear) => hear(...what));
 
 async function lines(reply, each) {
   const reader = reply.body.pipeThrough(new TextDecoderStream()).getReader();
@@ -19,23 +26,43 @@ async function lines(reply, each) {
 }
 
 const model = {
-  on: (_, hear) => heard.push(hear),
-  // a new turn ends the work on the last one
+  on: (event, hear) => (hearers[event] ??= []).push(hear),
+  get: (key) => (key === "setting" ? history.state?.setting : JSON.parse(sessionStorage.getItem(key))),
+  set: (key, value) => { changed[key] = value; },
+  save_changes() {
+    for (const [key, value] of Object.entries(changed)) {
+      delete changed[key];
+      if (key !== "setting") {
+        sessionStorage.setItem(key, JSON.stringify(value));
+        continue;
+      }
+      if (JSON.stringify(history.state?.setting) === JSON.stringify(value)) continue;
+      const step = history.state?.setting && performance.now() - last > PAUSE ? "pushState" : "replaceState";
+      history[step]({ setting: value }, "");
+      last = performance.now();
+    }
+  },
+  // a new message of a type ends the work on the last one
   async send(message) {
-    const tell = (answer) => heard.forEach((hear) => hear(answer));
-    if (message.type === "turn") running?.abort();
     const own = new AbortController();
-    if (message.type === "turn") running = own;
+    running[message.type]?.abort();
+    running[message.type] = own;
     try {
       const body = JSON.stringify(message);
       const reply = await fetch("ask", { method: "POST", headers, body, signal: own.signal });
       if (!reply.ok) throw new Error(reply.status === 403 ? "open the address that stochvi explore printed" : await reply.text());
-      await lines(reply, tell);
+      await lines(reply, (answer) => tell("msg:custom", answer));
     } catch (error) {
-      if (error.name !== "AbortError") tell({ type: "refused", id: message.id, sentence: `No answer: ${error.message}` });
+      if (error.name !== "AbortError") tell("msg:custom", { type: "refused", id: message.id, sentence: `No answer: ${error.message}` });
     }
   },
 };
+
+addEventListener("popstate", () => {
+  last = performance.now();
+  tell("change:setting");
+});
+addEventListener("hashchange", () => location.reload()); // another token
 
 // the server ends soon after its last tab, which it knows by this request
 (async () => {
@@ -44,7 +71,7 @@ const model = {
     if (!reply.ok) return; // told by the first answer
     await lines(reply, () => {});
   } catch { /* told below */ }
-  heard.forEach((hear) => hear({ type: "ended" }));
+  tell("msg:custom", { type: "ended" });
 })();
 
 explore.render({ model, el: document.getElementById("explore") });
