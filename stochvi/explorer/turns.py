@@ -1,5 +1,8 @@
 """One turn of the knobs, answered in three stages: closed forms, a simulation with few paths, and
-a refinement. Every message says by what method its numbers are known, and how well."""
+a refinement. What is looked for first comes first: the linear motion, impacts, the risk.
+
+Every message says by what method its numbers are known, and how well.
+"""
 
 from __future__ import annotations
 
@@ -38,6 +41,9 @@ FEW_PATHS, PATHS = 64, 512
 
 BUDGET = 20.0
 """Largest time of a part of a turn, s."""
+
+PATIENCE = 0.05
+"""Time after which a turn that waits for another one looks whether it is still wanted, s."""
 
 NEAR, FAR, PLACES = 0.8, 7.0, 60
 """Clearances of Rice's curve: their ends in standard deviations, and their number."""
@@ -79,8 +85,8 @@ class Turn:
     def stages(self) -> Iterator[Message]:
         """The messages of the three stages, each part computed when it is asked for."""
         for stage, part in (
-            ("closed", self.linear), ("closed", self.closure), ("simulated", self.rate),
-            ("simulated", self.risk), ("simulated", self.motion), ("refined", self.finer_rate),
+            ("closed", self.linear), ("simulated", self.rate), ("simulated", self.risk),
+            ("closed", self.closure), ("simulated", self.motion), ("refined", self.finer_rate),
             *(("refined", self.dot(share)) for share in DOTS),
         ):  # fmt: skip
             if self.stale.is_set():
@@ -292,8 +298,13 @@ class Explorer:
         stages = turn.stages()
         yield from islice(stages, 1)
         while True:
-            with self.work:
+            while not self.work.acquire(timeout=PATIENCE):
+                if turn.stale.is_set():  # else those who turn fast leave a queue behind them
+                    return
+            try:
                 found = next(stages, None)
+            finally:
+                self.work.release()
             if found is None:
                 return
             yield found

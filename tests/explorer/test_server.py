@@ -228,14 +228,14 @@ def test_knobs_stand_within_their_ranges_at_the_numbers_of_the_scene() -> None:
 def test_a_turn_makes_the_one_before_it_of_the_same_tab_stale(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(Turn, "closure", lambda _: {"part": "closure"})
+    monkeypatch.setattr(Turn, "rate", lambda _: {"part": "rate"})
     explorer = Explorer(TRUCK)
     first = explorer.answers(turn_of({}))
     other = explorer.answers(turn_of({}, tab="b"))
     assert next(first)["part"] == next(other)["part"] == "linear"
     assert next(explorer.answers(turn_of({}, id=2)))["id"] == 2
     assert list(first) == []
-    assert next(other)["part"] == "closure"
+    assert next(other)["part"] == "rate"
 
 
 def test_a_scene_that_the_page_does_not_show_is_refused(stochvi: Run) -> None:

@@ -136,7 +136,7 @@ function render({ model, el }) {
   }
   const turned = () => {
     clearTimeout(timer);
-    timer = setTimeout(turn, 15); // a slider that is dragged sends many events
+    timer = setTimeout(turn, 0); // one turn for the two stops that move together
   };
   function remember(key, value) {
     model.set(key, value);
