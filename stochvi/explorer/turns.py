@@ -283,8 +283,11 @@ class Explorer:
             turn = Turn(scene, mission, probability, seed=self.seed, id=number)
         except ValueError as reason:
             raise Refused(str(reason), number) from reason
-        if (before := self.latest.pop(tab, None)) is not None:
-            before.stale.set()
+        before = self.latest.get(tab)
+        if before is not None and before.id > number:  # requests may overtake each other
+            return
+        if before is not None:
+            self.latest.pop(tab).stale.set()
         self.latest[tab] = turn
         while len(self.latest) > 64:
             self.latest.pop(next(iter(self.latest))).stale.set()
