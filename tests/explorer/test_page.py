@@ -257,6 +257,7 @@ def test_the_mass_rests_where_motion_is_unwanted(browser: Any, address: str) -> 
     page.set_default_timeout(PATIENCE)
     page.goto(address)
     sized(page)
+    page.wait_for_selector(".moving:not(.stale)")
     places = []
     for _ in range(2):
         page.wait_for_timeout(100)

@@ -238,6 +238,17 @@ def test_a_turn_makes_the_one_before_it_of_the_same_tab_stale(
     assert next(other)["part"] == "rate"
 
 
+def test_a_turn_that_is_overtaken_on_its_way_does_not_end_the_later_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(Turn, "rate", lambda _: {"part": "rate"})
+    explorer = Explorer(TRUCK)
+    early, late = (explorer.answers({**turn_of({}), "id": number}) for number in (1, 2))
+    assert next(late)["part"] == "linear"
+    assert list(early) == []
+    assert next(late)["part"] == "rate"
+
+
 def test_a_scene_that_the_page_does_not_show_is_refused(stochvi: Run) -> None:
     with pytest.raises(ValueError, match="one impact_pair and without phases"):
         Explorer(isolator(None))
