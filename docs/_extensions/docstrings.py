@@ -21,7 +21,8 @@ from numpydoc.validate import validate
 ROOMS = (
     "absorbers", "identification", "isolators", "methods.averaging", "methods.closed_form",
     "methods.fokker_planck", "methods.linearisation", "methods.monte_carlo", "methods.periodic",
-    "methods.replay", "results", "scenes", "statistics", "testing", "verification",
+    "methods.replay", "results", "scenes", "statistics", "testing", "testing.samples",
+    "verification",
 )  # fmt: skip
 """Packages with public names."""
 

@@ -43,6 +43,7 @@ SUBJECTS = {
     "identification": "The law of a stop from a test",
     "verification": "Checks, price and explanation",
     "testing": "Judges of other integrators",
+    "testing.samples": "Tests of any Monte Carlo",
     "results": "Answers, estimates and errors",
     "views.density": "Pictures of densities",
 }

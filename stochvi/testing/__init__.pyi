@@ -1,0 +1,3 @@
+from stochvi.verification.testing import *  # noqa: F403
+
+from . import samples as samples
