@@ -916,6 +916,27 @@ def put_on_stop(pair, stop, side, gaps, change, responses):
 
 
 @kernel
+def hold_on_stop(pair, stop, side, span, responses, work):
+    """Hold a gap that begins the span, s, at rest on a stop; returns the speed taken away, m/s.
+
+    A load that turns within the span is held until then, as the line through its ends. The mass
+    leaves from there, with the speed that the rest of the span gives it.
+    """
+    gaps = work.gaps
+    pressing, last = side * gaps[A0, pair], side * gaps[A1, pair]
+    if (pressing <= 0.0) | (last >= 0.0):
+        return put_on_stop(pair, stop, side, gaps, work.change, responses)
+    held = span * pressing / (pressing - last)
+    power = -side * pressing * held
+    for k in range(MOMENTS):  # of a force that falls to 0 along a line
+        work.now[k] = power / (k + 2)
+        power *= held
+    moments_later(work.now, span - held, work.later)
+    add_four_terms(work.numbers, responses.starts.shape[2], work.later, responses.ends, pair)
+    return 0.5 * pressing * held
+
+
+@kernel
 def keep_between_stops(bounces, gaps, change, stops, laws, responses, tally):
     """Move the gaps that end beyond rigid stops onto them; see `Stops.bounces`.
 
@@ -1011,7 +1032,7 @@ def bounce(
     rests = (pressing > 0.0) & (rebound <= RESTING * pressing * step)
     if rests or impacts >= MOST_BOUNCES - 2 * gaps.shape[1]:
         work.contacts.resting[pair, upper] = 1
-        taken = put_on_stop(pair, stop, side, gaps, work.change, responses)
+        taken = hold_on_stop(pair, stop, side, span, responses, work)
         add_rest(tally, taken, stops, laws, pair, upper)
         rub_at_rest(
             stops.tangents, pair, upper, taken, stops, gaps, work.change, responses, tally

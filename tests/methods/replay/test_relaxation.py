@@ -67,6 +67,10 @@ def scene_with_record(folder: Path, seed: int, kind: str) -> tuple[Scene, OwnPat
     return scene, OwnPath(own, stops), np.outer(force, np.eye(n)[0])
 
 
+LEAVES = 108
+"""Seed of a mass that comes to rest on a rigid stop, and leaves it within a step of either run."""
+
+
 class Compared(NamedTuple):
     """Largest error of the path, the difference to twice the step, and that of the integrator."""
 
@@ -100,14 +104,14 @@ def judge(folder: Path, seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "seed", [0, *(pytest.param(each, marks=pytest.mark.slow) for each in (1, 2))]
+    "seed", [0, *(pytest.param(each, marks=pytest.mark.slow) for each in (1, 2, LEAVES))]
 )
 def test_paths_are_those_of_an_integrator_with_the_inner_state(tmp_path: Path, seed: int) -> None:
     judge(tmp_path, seed)
 
 
 @pytest.mark.verify
-@pytest.mark.parametrize("seed", range(3, 203))
+@pytest.mark.parametrize("seed", [each for each in range(3, 203) if each != LEAVES])
 def test_paths_of_200_random_scenes(tmp_path: Path, seed: int) -> None:
     judge(tmp_path, seed)
 
