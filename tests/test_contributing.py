@@ -262,7 +262,7 @@ def test_names_that_pages_name_resolve() -> None:
         ("methods.fokker_planck", "Gaussian"),
         ("methods.linearisation", "linearise_many"),
         ("methods.monte_carlo", "record_path"),
-        ("methods.periodic", "RandomResonance"),
+        ("methods.periodic", "StructureResonance"),
         ("results", "Interrupted"),
         ("scenes", "RigidBody"),
         ("statistics", "Chance"),

@@ -36,7 +36,7 @@ from stochvi.mathematics.spectra import (
     welch,
 )
 from stochvi.mathematics.units import STANDARD_GRAVITY
-from stochvi.methods.periodic.resonance import HarmonicResonance, RandomResonance
+from stochvi.methods.periodic.resonance import HarmonicResonance, StructureResonance
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import profiles
 from stochvi.scenes.excitations import TabulatedNoise, WhiteNoise
@@ -833,24 +833,36 @@ RANDOM = {
 }
 
 
-def rattle(name: str, **changes) -> RandomResonance:
-    given = {"omega": 1.0, "damping_rate": 0.02, "restitution": 0.8}
-    return RandomResonance(**{**given, **RANDOM[name], **changes})
+def rattle(
+    name: str = "two stops", damping: float = 0.02, restitution: float = 0.8, noise=0.01, **changes
+) -> StructureResonance:
+    """A mass of 1 kg under noise, as the only mode of its structure."""
+    given = {"omega": 1.0, "both_sides": True, **RANDOM[name], **changes}
+    return StructureResonance(
+        omega=[given.pop("omega")], damping=[[damping]], gaps=[[1.0]], restitution=[restitution],
+        clearance=[given.pop("clearance")], noises=[(noise, [1.0])], **given,
+    )  # fmt: skip
 
 
-def free_motion(case: RandomResonance, steps: int) -> tuple[np.ndarray, np.ndarray]:
+def mean_square(case: StructureResonance) -> float:
+    """Mean square velocity of the regime, m^2/s^2."""
+    return float(case.velocity_products[0, 0])
+
+
+def free_motion(case: StructureResonance, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """One period of the lossless motion from a stop, by small steps of the equation of motion."""
     time = np.linspace(0.0, 2.0 * math.pi / case.frequency, steps + 1)
     h = time[1]
-    x, v, places, speeds = case.clearance, -case.impact_speed, [], []
+    clearance, square = case.clearance[0], case.omega[0] ** 2
+    x, v, places, speeds = clearance, -case.impact_speed[0], [], []
     for _ in time:
         places.append(x)
         speeds.append(v)
-        v -= 0.5 * h * case.omega**2 * x
+        v -= 0.5 * h * square * x
         x += h * v
-        v -= 0.5 * h * case.omega**2 * x
-        if case.both_sides and x < -case.clearance:
-            x, v = -2.0 * case.clearance - x, -v
+        v -= 0.5 * h * square * x
+        if case.both_sides and x < -clearance:
+            x, v = -2.0 * clearance - x, -v
     return np.array(places), np.array(speeds)
 
 
@@ -858,20 +870,23 @@ def free_motion(case: RandomResonance, steps: int) -> tuple[np.ndarray, np.ndarr
 def test_the_regime_is_a_free_motion_from_impact_to_impact(name):
     case = rattle(name)
     x, v = free_motion(case, 40_000)
-    assert x[-1] == pytest.approx(case.clearance, rel=1e-3)
-    assert abs(v[-1]) == pytest.approx(case.impact_speed, rel=1e-3)
-    assert np.mean(v[:-1] ** 2) == pytest.approx(case.velocity_mean_square, rel=1e-3)
+    assert x[-1] == pytest.approx(case.clearance[0], rel=1e-3)
+    assert abs(v[-1]) == pytest.approx(case.impact_speed[0], rel=1e-3)
+    assert np.mean(v[:-1] ** 2) == pytest.approx(mean_square(case), rel=1e-3)
     spectrum = 2.0 * np.abs(np.fft.rfft(v[:-1])) / len(v[:-1])
-    assert case.harmonics[:9] == pytest.approx(spectrum[1:10], rel=1e-2, abs=2e-4 * spectrum.max())
+    harmonics = case.harmonics([1.0])
+    assert harmonics[:9] == pytest.approx(spectrum[1:10], rel=1e-2, abs=2e-4 * spectrum.max())
     # Parseval: all harmonics hold the mean square, up to those left out
-    assert np.sum(case.harmonics**2) / 2.0 == pytest.approx(case.velocity_mean_square, rel=0.01)
+    assert np.sum(harmonics**2) / 2.0 == pytest.approx(mean_square(case), rel=0.01)
 
 
 def test_power_loss_counts_the_impacts_of_a_period():
     two, one = rattle("two stops"), rattle("one stop")
     for case, impacts in ((two, 2), (one, 1)):
-        lost = impacts * 2.0 * (0.2 / 1.8) * case.impact_speed**2 * case.frequency / (2 * math.pi)
-        expected = 0.02 * case.velocity_mean_square + lost
+        lost = (
+            impacts * 2.0 * (0.2 / 1.8) * case.impact_speed[0] ** 2 * case.frequency / (2 * math.pi)
+        )
+        expected = 0.02 * mean_square(case) + lost
         assert case.power_loss == pytest.approx(expected, rel=1e-14)
 
 
@@ -896,11 +911,9 @@ def test_the_impact_loss_is_near_that_of_the_regime_that_a_sine_just_keeps_up(
     )  # fmt: skip
     speed = branch.impact_speed[branch.names.index("fold")].mean()
     exact = 0.5 * (1.0 - restitution**2) * speed**2 * w / math.pi
-    case = RandomResonance(
-        omega=1.0, damping_rate=b, clearance=1.0, restitution=restitution, frequency=w
-    )
-    book = case.power_loss - b * case.velocity_mean_square
-    plain = 0.5 * (1.0 - restitution**2) * case.impact_speed**2 * w / math.pi
+    case = rattle(damping=b, restitution=restitution, frequency=w)
+    book = case.power_loss - b * mean_square(case)
+    plain = 0.5 * (1.0 - restitution**2) * case.impact_speed[0] ** 2 * w / math.pi
     assert book == pytest.approx(exact, rel=within)
     assert plain < (1.0 - 4.0 * within) * exact
 
@@ -909,17 +922,15 @@ def test_the_impact_loss_is_near_that_of_the_regime_that_a_sine_just_keeps_up(
     ("restitution", "loss", "longest"), [(0.8, 0.15785, 2.771), (0.5, 0.4408, 0.355)]
 )
 def test_the_longest_time_of_the_book_with_its_loss(restitution, loss, longest):
-    case = RandomResonance(
-        omega=1.0, damping_rate=0.01, clearance=1.0, restitution=restitution, frequency=2.0
-    )
+    case = rattle(damping=0.01, restitution=restitution, frequency=2.0)
     assert case.power_loss == pytest.approx(loss, rel=2e-4)
-    assert case.longest(intensity=0.01) == pytest.approx(longest, rel=1e-3)
+    assert case.longest() == pytest.approx(longest, rel=1e-3)
 
 
 @pytest.mark.parametrize("name", ["two stops", "one stop"])
 def test_the_power_of_sampled_noise_has_the_stated_deviation(name):
     """White noise and one narrow band, as sums over a long record."""
-    case = rattle(name)
+    case = rattle(name, noise=0.3)
     _, v = free_motion(case, 400)
     periods, records = 20, 1000
     h = 2.0 * math.pi / case.frequency / 400
@@ -928,41 +939,40 @@ def test_the_power_of_sampled_noise_has_the_stated_deviation(name):
     duration = h * len(along)
     white = rng.standard_normal((records, len(along))) * math.sqrt(0.3 / h)
     powers = white @ along * h / duration
-    known = case.random_power(0.3, duration) ** 2
+    known = case.random_power(duration) ** 2
     estimate = Estimate(value=float(powers.var()), standard_error=float(
         powers.var() * math.sqrt(2.0 / records)
     ), bias=1e-3 * known)  # fmt: skip
     assert_agrees(estimate, known)
     with pytest.raises(AssertionError):
-        assert_agrees(estimate, case.random_power(0.3, 1.5 * duration) ** 2)
+        assert_agrees(estimate, case.random_power(1.5 * duration) ** 2)
     # a Gaussian wave at w: cos and sin with independent amplitudes
     angle = case.frequency * h * np.arange(len(along))
     waves = np.array([np.cos(angle), np.sin(angle)]) @ along * h / duration
-    assert math.hypot(*waves) == pytest.approx(case.harmonics[0] / 2.0, rel=2e-3)
+    assert math.hypot(*waves) == pytest.approx(case.harmonics([1.0])[0] / 2.0, rel=2e-3)
 
 
 def test_the_longest_time_is_where_the_quantile_of_the_supply_meets_the_loss():
-    case = rattle("two stops")
-    t0 = case.longest(0.01)
-    assert 2.0537489106318225 * case.random_power(0.01, t0) == pytest.approx(case.power_loss)
+    case = rattle()
+    t0, first = case.longest(), case.harmonics([1.0])[0]
+    assert 2.0537489106318225 * case.random_power(t0) == pytest.approx(case.power_loss)
     assert t0 == pytest.approx(
-        2.0537489106318225**2 * 0.01 * case.velocity_mean_square / case.power_loss**2, rel=1e-12
+        2.0537489106318225**2 * 0.01 * mean_square(case) / case.power_loss**2, rel=1e-12
     )
-    flat = case.longest(lambda omega: np.full_like(omega, 0.01))
+    flat = rattle(noise=lambda omega: np.full_like(omega, 0.01)).longest()
     assert flat == pytest.approx(t0, rel=0.01)
-    around = case.longest(lambda omega: np.where(omega < 2.0 * case.frequency, 0.01, 0.0))
-    share = case.harmonics[0] ** 2 / 2.0 / case.velocity_mean_square
-    assert around / t0 == pytest.approx(share, rel=1e-12)
-    rms = case.smallest_narrow_band()
-    assert 2.0537489106318225 * rms * case.harmonics[0] / 2.0 == pytest.approx(case.power_loss)
+    band = rattle(noise=lambda omega: np.where(omega < 2.0 * case.frequency, 0.01, 0.0))
+    assert band.longest() / t0 == pytest.approx(first**2 / 2.0 / mean_square(case), rel=1e-12)
+    rms = case.smallest_narrow_band([1.0])
+    assert 2.0537489106318225 * rms * first / 2.0 == pytest.approx(case.power_loss)
 
 
 test_regimes_that_do_not_exist_are_refused = refusals(
-    lambda name, changes: rattle(name, **changes),
-    ("two stops", {"frequency": 0.9}, "frequency above omega"),
-    ("one stop", {"frequency": 2.5}, "between omega and 2 omega"),
-    ("preload", {"frequency": 1.5}, "above 2 omega where it is preloaded"),
-    ("two stops", {"restitution": 1.0, "damping_rate": 0.0}, "got 0 and 1; give one"),
+    lambda name, changes: rattle(name, **changes).power_loss,
+    ("two stops", {"frequency": 0.9}, "no free motion meets the stops"),
+    ("one stop", {"frequency": 2.5}, "no free motion meets the stops"),
+    ("preload", {"frequency": 1.5}, "no free motion meets the stops"),
+    ("two stops", {"restitution": 1.0, "damping": 0.0}, "got 0 and 1; give one"),
     error=ValueError,
 )
 

@@ -10,7 +10,6 @@ from .attracted import (
 from .resonance import (
     HarmonicResonance,
     Motor,
-    RandomResonance,
     RelayBetweenStops,
     StructureResonance,
     SwitchedDrive,
@@ -36,7 +35,6 @@ __all__ = [
     "HarmonicResponse",
     "Jump",
     "Motor",
-    "RandomResonance",
     "RandomStarts",
     "RelayBetweenStops",
     "SimulatedSweep",

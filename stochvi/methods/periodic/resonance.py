@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Self
 
@@ -122,7 +122,6 @@ class StructureResonance:
 
     See Also
     --------
-    stochvi.methods.periodic.RandomResonance : The same of one mass.
     stochvi.harmonic_response : The regimes that a sine maintains.
 
     Examples
@@ -618,138 +617,6 @@ class HarmonicResonance:
             )
             for each in even_regimes(self._between(clearance), BOTH, self.periods)
         )
-
-
-@with_checks
-@dataclass(frozen=True, kw_only=True)
-class RandomResonance:
-    """A resonant regime that random thrust would have to maintain (B 14.88-14.101).
-
-    The regime y0(t) is the free motion of frequency w that hits its stops without loss; N_d is the
-    power per unit mass that damper and impacts would take from it.
-
-    Parameters
-    ----------
-    omega, damping_rate
-        Natural frequency, rad/s, and b, 1/s, of the motion between the impacting bodies.
-    clearance
-        Clearance, m: of two stops at +-clearance, or of one, which may be negative (preload).
-    restitution
-        R of the stops.
-    frequency
-        w of the regime, rad/s: above omega for two stops, between omega and 2 omega for one (up
-        to any where it is preloaded).
-    both_sides
-        Whether there are two stops.
-
-    Raises
-    ------
-    ValueError
-        If there is no such motion.
-
-    See Also
-    --------
-    stochvi.methods.periodic.HarmonicResonance : The same regime under a sine.
-    stochvi.methods.periodic.StructureResonance : The same of any structure.
-
-    Examples
-    --------
-    >>> rattle = RandomResonance(
-    ...     omega=1.0, damping_rate=0.01, clearance=1.0, restitution=0.8, frequency=2.0
-    ... )
-    >>> round(rattle.power_loss, 4), round(rattle.longest(intensity=0.01), 2)
-    (0.1578, 2.77)
-    """
-
-    omega: float
-    damping_rate: float
-    clearance: float
-    restitution: float
-    frequency: float
-    both_sides: bool = True
-
-    def __post_init__(self) -> None:
-        _check(self, "in [0, 1]", "restitution")
-        _check(self, "greater than 0", "frequency")
-        _check(self, "0 or more", "omega", "damping_rate")
-        if self.both_sides and not (self.clearance > 0.0 and self.frequency > self.omega):
-            raise ValueError("two stops need a clearance above 0 and a frequency above omega")
-        swing = math.pi * self.omega / self.frequency
-        inside = math.pi / 2.0 < swing < math.pi
-        preloaded = 0.0 < swing < math.pi / 2.0
-        if not self.both_sides and not (inside if self.clearance > 0.0 else preloaded):
-            raise ValueError(
-                "one stop needs a frequency between omega and 2 omega, above 2 omega where it is "
-                "preloaded"
-            )
-        if self.damping_rate == 0.0 and self.restitution == 1.0:
-            raise ValueError(
-                "damping_rate must be above 0 or restitution below 1, got 0 and 1; give one"
-            )
-
-    @cached_property
-    def _regime(self) -> StructureResonance:
-        """The regime as that of a structure of one mode."""
-        return StructureResonance(
-            omega=[self.omega], damping=[[self.damping_rate]], gaps=[[1.0]],
-            clearance=[self.clearance], restitution=[self.restitution], frequency=self.frequency,
-            both_sides=self.both_sides,
-        )  # fmt: skip
-
-    def _under(self, intensity: Strength) -> StructureResonance:
-        return replace(self._regime, noises=[(intensity, [1.0])])
-
-    @property
-    def impact_speed(self) -> float:
-        """Impact speed of the regime, m/s: omega D cot(omega t) for two stops, -omega D tan(omega
-        t) for one, t half the time between impacts."""
-        return float(self._regime.impact_speed[0])
-
-    @property
-    def velocity_mean_square(self) -> float:
-        """Mean square velocity of the regime, <y0'^2>, m^2/s^2."""
-        return float(self._regime.velocity_products[0, 0])
-
-    @cached_property
-    def harmonics(self) -> Vector:
-        """Amplitudes of y0' at w, 2 w, ... (m/s); two stops leave the odd ones only."""
-        return self._regime.harmonics([1.0])
-
-    @property
-    def power_loss(self) -> float:
-        """N_d = b <y0'^2> + (1 - R) J^2 / (2 (1 + R)) per impact, m^2/s^3 (B 14.71).
-
-        The impulse per unit mass J = 2 v is that of the regime without loss, so that an impact
-        takes 2 (1 - R) v^2 / (1 + R): what it takes from a speed of 2 v / (1 + R).
-        """
-        return self._regime.power_loss
-
-    def random_power(self, intensity: float | Callable[[Vector], Vector], duration: float) -> float:
-        """Standard deviation of the power that noise supplies, averaged over `duration`, m^2/s^3.
-
-        White noise of intensity S0 (m^2/s^3): sqrt(S0 <y0'^2> / T) (B 14.88). Noise of the
-        two-sided density S(omega), a function of rad/s that changes little over 1 / T: sqrt(sum
-        of a_m^2 S(m w) / 2 T), a_m the harmonics of y0'.
-        """
-        return self._under(intensity).random_power(duration)
-
-    def longest(
-        self, intensity: float | Callable[[Vector], Vector], probability: float = 0.98
-    ) -> float:
-        """T0 = z^2 S0 <y0'^2> / N_d^2, s: with this probability noise cannot maintain the regime
-        over any longer time (B 14.93), z the normal quantile.
-
-        The supply averaged over T is normal with mean 0, and the regime needs it to be N_d.
-        """
-        return self._under(intensity).longest(probability)
-
-    def smallest_narrow_band(self, probability: float = 0.98) -> float:
-        """Rms (m/s^2) below which noise at w alone cannot maintain the regime (B 14.100, 14.101).
-
-        A narrow band keeps its phase: its power over any time has the deviation a_1 / 2 times its
-        rms, a_1 the first harmonic of y0', so that N_d / (z a_1 / 2) is needed.
-        """
-        return self._regime.smallest_narrow_band([1.0], probability)
 
 
 # ------------------------------------------------------------------------------

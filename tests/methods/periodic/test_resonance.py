@@ -27,7 +27,6 @@ from stochvi import (
 )
 from stochvi.methods.periodic import (
     Motor,
-    RandomResonance,
     RelayBetweenStops,
     StructureResonance,
     SwitchedDrive,
@@ -640,13 +639,14 @@ def test_one_mass_is_the_case_of_one_mode() -> None:
         impact_pairs=[ImpactPair(clearance=1.0, law=Restitution(coefficient=0.8))],
         excitations=[WhiteNoise(intensity=0.04)],
     )
-    one = RandomResonance(
-        omega=1.0, damping_rate=0.02, clearance=1.0, restitution=0.8, frequency=1.7
-    )
+    one = StructureResonance(
+        omega=[1.0], damping=[[0.02]], gaps=[[1.0]], clearance=[1.0], restitution=[0.8],
+        frequency=1.7, both_sides=True, noises=[(0.01, [1.0])],
+    )  # fmt: skip
     case = StructureResonance.of(scene, 1.7 / math.tau)
-    assert case.impact_speed[0] == pytest.approx(one.impact_speed, rel=1e-12)
+    assert case.impact_speed[0] == pytest.approx(one.impact_speed[0], rel=1e-12)
     assert case.power_loss == pytest.approx(2.0 * one.power_loss, rel=1e-12)
-    assert case.longest() == pytest.approx(one.longest(0.01), rel=1e-12)
+    assert case.longest() == pytest.approx(one.longest(), rel=1e-12)
 
 
 def test_noise_of_a_table_supplies_by_its_harmonics() -> None:
