@@ -955,12 +955,12 @@ def absorber_sine(
     if scene.absorber is None:
         raise NotApplicable(
             "absorber:sine",
-            ["the scene must have an [absorber] with mass (kg), play (m, stop to stop) and law, or "
-             "mass_on"],
-        )  # fmt: skip
+            "the scene must have an [absorber] with mass (kg), play (m, stop to stop) and law, or "
+            "mass_on",
+        )
     alone = without_absorber(scene)
     if alone.impact_pairs:
-        raise NotApplicable("absorber:sine", [NO_STOPS])
+        raise NotApplicable("absorber:sine", NO_STOPS)
     full, masses = scene.expanded, scene.absorber_coordinates
     carrier = next(name for name in full.structure.coordinates if name not in masses)
     deadline = Deadline.after(budget)

@@ -297,7 +297,7 @@ def _motion(scene: Scene, row: int) -> tuple[float, float, float]:
     modes = model_of(scene).modal
     law = linear_law(modes)
     if law is None:
-        raise NotApplicable("absorber", [UNSTEADY])
+        raise NotApplicable("absorber", UNSTEADY)
     shape, relative = modes.shapes[row], modes.shapes[-1] - modes.shapes[row]
     return (
         math.sqrt(law.variances(shape, 0)),
@@ -539,15 +539,13 @@ def absorber(
     if scene.absorber is None:
         raise NotApplicable(
             "absorber",
-            [
-                "the scene must have an [absorber] with mass (kg), play (m, stop to stop) and law, "
-                "or mass_on; a mass budget (--mass-budget) finds the best one"
-            ],
+            "the scene must have an [absorber] with mass (kg), play (m, stop to stop) and law, "
+            "or mass_on; a mass budget (--mass-budget) finds the best one",
         )
     if len(levels_db) == 0 or not all(math.isfinite(level) for level in levels_db):
         raise ValueError(f"levels_db must be at least one finite number, got {list(levels_db)}")
     if without_absorber(scene).impact_pairs:
-        raise NotApplicable("absorber", [NO_STOPS])
+        raise NotApplicable("absorber", NO_STOPS)
     full = scene.expanded
     masses = scene.absorber_coordinates
     carrier = next(name for name in full.structure.coordinates if name not in masses)
@@ -657,10 +655,8 @@ def _require_shaking(excitations: Sequence[Excitation]) -> None:
     if not any(each.shakes for each in excitations):
         raise NotApplicable(
             "absorber",
-            [
-                "excitation must shake the structure that carries the absorber, got constant loads "
-                "alone; add noise"
-            ],
+            "excitation must shake the structure that carries the absorber, got constant loads "
+            "alone; add noise",
         )
 
 
@@ -674,7 +670,7 @@ def linear_rms(scene: Scene) -> tuple[dict[str, float], dict[str, float]]:
     modes = model.modal
     law = linear_law(modes)
     if law is None:
-        raise NotApplicable("absorber", [UNSTEADY])
+        raise NotApplicable("absorber", UNSTEADY)
     displacement, velocity = (
         {
             name: math.sqrt(law.variances(modes.shapes[row], first))

@@ -590,7 +590,7 @@ def _columns(path: Path, kind: str, given: str | None) -> dict[str, Vector]:
     units = None if given is None else [each.strip() for each in given.split(",")]
     if units is not None and len(units) != len(layout):
         raise SceneError(
-            [("unit", f"must name {len(layout)} units, as {EXAMPLES[kind]}, got {given!r}")]
+            "unit", f"must name {len(layout)} units, as {EXAMPLES[kind]}, got {given!r}"
         )
     converted = si_columns(table, columns, tuple(layout.values()), units, EXAMPLES[kind])
     return dict(zip(layout, converted, strict=True))
@@ -617,14 +617,15 @@ def _drop(
         named = unit_called(given)
         if known is not None and not known.same(named):
             raise SceneError(
-                [("unit", f"is {given!r}, but {columns.stated_in} states {known.name!r}; take out "
-                  "the one that is wrong")]
-            )  # fmt: skip
+                "unit",
+                f"is {given!r}, but {columns.stated_in} states {known.name!r}; take out "
+                "the one that is wrong",
+            )
         known = named
     if known is None or known.quantity != "acceleration":
         got = "none" if known is None else repr(known.name)
         raise SceneError(
-            [("unit", f"must be one of acceleration ({listed_units('acceleration')}), got {got}")]
+            "unit", f"must be one of acceleration ({listed_units('acceleration')}), got {got}"
         )
     return DropRecord(
         acceleration=known.to_si(record.values), fs=record.fs, mass=mass, height=height,

@@ -186,14 +186,10 @@ def _check_potential(structure: NonlinearOscillator, law: GibbsLaw) -> None:
     wrong = np.abs(own - by_force) > allowed
     if np.any(wrong):
         raise SceneError(
-            [
-                (
-                    "structure",
-                    "needs a potential whose derivative is restoring_force, got the energy "
-                    f"{own[wrong][0]:g} J at {places[wrong][0]:g} m where the integral of the "
-                    f"force is {by_force[wrong][0]:g} J",
-                )
-            ]
+            "structure",
+            "needs a potential whose derivative is restoring_force, got the energy "
+            f"{own[wrong][0]:g} J at {places[wrong][0]:g} m where the integral of the "
+            f"force is {by_force[wrong][0]:g} J",
         )
 
 

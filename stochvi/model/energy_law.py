@@ -565,7 +565,7 @@ def energy_law(gap: Gap, variant: str = FINITE_JUMPS) -> EnergyLaw:
             span *= 2.0
     raise NotApplicable(
         "average",
-        ["damping or stops must bound the energy of the mass, but no largest energy was found"],
+        "damping or stops must bound the energy of the mass, but no largest energy was found",
     )
 
 

@@ -785,7 +785,7 @@ def model_of(scene: Scene) -> Model:
             f"FILE.toml#{names[0]} (in Python scene.in_phase({names[0]!r})), or ask reliability, "
             "size or damage for all of them"
         )
-        raise SceneError([("phase", sentence)])
+        raise SceneError("phase", sentence)
     model = _build_model(scene.expanded)
     key = id(scene)
     _LOWERED[key] = weakref.ref(scene, lambda _: _LOWERED.pop(key, None)), model

@@ -240,10 +240,10 @@ def _shaken(modes: ModalForm, law: LinearLaw, pair: Pair, gap: Vector, method: s
 def _at_rest(pair: Pair, method: str) -> NotApplicable:
     return NotApplicable(
         method,
-        [f"no excitation reaches the impact pair {pair.name!r}, or it is pressed so hard onto a "
-         "stop that it never leaves it: it is at rest; shake it, move that stop, or take the pair "
-         "out of the scene"],
-    )  # fmt: skip
+        f"no excitation reaches the impact pair {pair.name!r}, or it is pressed so hard onto a "
+        "stop that it never leaves it: it is at rest; shake it, move that stop, or take the pair "
+        "out of the scene",
+    )
 
 
 def _first_guess(modes: ModalForm, pair: Pair) -> EquivalentLinear:
@@ -466,9 +466,9 @@ def with_linear_part(
     else:
         raise NotApplicable(
             method,
-            ["structure.spring and structure.damper must hold and brake the structure, got none "
-             "that do in motions of any size; add stiffness or damping"],
-        )  # fmt: skip
+            "structure.spring and structure.damper must hold and brake the structure, got none "
+            "that do in motions of any size; add stiffness or damping",
+        )
     weight = 0.5
     for _ in range(LINEAR_ITERATIONS):
         following = [between(*each, weight) for each in zip(motions, found, strict=True)]

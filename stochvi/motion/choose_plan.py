@@ -748,7 +748,7 @@ def plan_impacts(
     """
     model = model_of(scene)
     if not model.pairs:
-        raise NotApplicable("impacts", ["the scene must have an impact pair, got none"])
+        raise NotApplicable("impacts", "the scene must have an impact pair, got none")
     plan = make_plan(model, speed_threshold, duration, slow_impacts, corner_share, deadline)
     # whether no threshold, length or slow impacts are asked for
     usual = speed_threshold is None and duration is None and not slow_impacts
@@ -922,11 +922,9 @@ def plan_gaps(model: Model, directions: Matrix) -> GapResponse:
     if needed * len(modes.gaps) > MOST_SAMPLES:
         raise NotApplicable(
             "first_crossings",
-            [
-                f"a record of {len(modes.gaps)} gaps needs {needed:.2g} samples, at most "
-                f"{MOST_SAMPLES // len(modes.gaps)} are made: the fastest motion and the slowest "
-                "decay are too far apart"
-            ],
+            f"a record of {len(modes.gaps)} gaps needs {needed:.2g} samples, at most "
+            f"{MOST_SAMPLES // len(modes.gaps)} are made: the fastest motion and the slowest "
+            "decay are too far apart",
         )
     return GapResponse(
         modes=modes,

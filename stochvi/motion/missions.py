@@ -305,7 +305,7 @@ def _base(model: Model, speed: float | None = None) -> ModalPlan:
     """The plan of the motion between the stops; `speed` is that of the slowest impact that counts,
     m/s."""
     if not model.stops:
-        raise NotApplicable("reliability", ["impacts need a stop, got a scene without impact_pair"])
+        raise NotApplicable("reliability", "impacts need a stop, got a scene without impact_pair")
     return plan_several(model, speed, None)
 
 
@@ -325,9 +325,9 @@ def _plan(
     if mission > MOST_STEPS * step:
         raise NotApplicable(
             "reliability",
-            [f"a mission takes {mission / step:.2g} steps of {step:.2g} s, at most "
-             f"{MOST_STEPS:.0g} are made: ask for a shorter mission"],
-        )  # fmt: skip
+            f"a mission takes {mission / step:.2g} steps of {step:.2g} s, at most "
+            f"{MOST_STEPS:.0g} are made: ask for a shorter mission",
+        )
     counted = max(LEAST_STEPS, math.ceil(mission / step))
     climb = settling = 0.0
     if start == "stationary":

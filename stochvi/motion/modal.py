@@ -467,7 +467,7 @@ class ModalPlan(Plan):
         if not refines_near_stops(model):
             what = "tabulated noise and pulses" if model.rigid else "compliant stops"
             raise NotApplicable(
-                "slow_impacts", [f"it must be left out with {what}, where it refines no steps"]
+                "slow_impacts", f"it must be left out with {what}, where it refines no steps"
             )
         found = replace(self.with_step(RESOLVING_SHARE * self.step), slow_impacts=True)
         check_number_of_steps(found.step, found.burn_in, found.duration)
@@ -853,7 +853,7 @@ class ModalPlan(Plan):
         if accelerations is None:
             return None
         if self.kicked or self._pulls is None:
-            raise NotApplicable("accelerations", ["need a structure that the base alone moves"])
+            raise NotApplicable("accelerations", "need a structure that the base alone moves")
         rows = np.ascontiguousarray(self.model.output_rows @ self.modes.shapes)
         return Largest(rows=rows, table=accelerations)
 
@@ -1301,7 +1301,7 @@ def plan_modal(
     """
     if model.tables:
         raise NotApplicable(
-            "simulate", ["tabulated noise must be synthesised: this plan steps states alone"]
+            "simulate", "tabulated noise must be synthesised: this plan steps states alone"
         )
     plan = ModalPlan(**basis(model, threshold, duration, settling=settling))
     check_stiffness(plan)
@@ -1370,9 +1370,9 @@ def basis(
         if away > FARTHEST_REST:
             raise NotApplicable(
                 "simulate",
-                [f"a load holds {pair.name} {away:.2g} standard deviations away from its place "
-                 f"without load, at most {FARTHEST_REST:.0g} are told apart"],
-            )  # fmt: skip
+                f"a load holds {pair.name} {away:.2g} standard deviations away from its place "
+                f"without load, at most {FARTHEST_REST:.0g} are told apart",
+            )
     step = _step(model, modes, law, pairs)
     burn_in = RELAXATIONS * law.slowest
     length = DURATION * burn_in if duration is None else duration
@@ -1391,10 +1391,10 @@ def check_number_of_steps(step: float, burn_in: float, length: float) -> None:
             why = "give a shorter duration and more paths"
         raise NotApplicable(
             "simulate",
-            [f"a path needs {(burn_in + length) / step:.2g} steps ({burn_in:.2g} s of burn-in and "
-             f"{length:.2g} s, in steps of {step:.2g} s), at most {MOST_MODAL_STEPS:.2g} are made: "
-             f"{why}"],
-        )  # fmt: skip
+            f"a path needs {(burn_in + length) / step:.2g} steps ({burn_in:.2g} s of burn-in and "
+            f"{length:.2g} s, in steps of {step:.2g} s), at most {MOST_MODAL_STEPS:.2g} are made: "
+            f"{why}",
+        )
 
 
 def _between_drives(model: Model) -> float:

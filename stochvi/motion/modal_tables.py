@@ -501,9 +501,9 @@ def plan_modal_tables(
     if blocks >= MOST_BLOCKS // 2:
         raise NotApplicable(
             "simulate",
-            [f"a path of {duration:.3g} s needs more than {MOST_BLOCKS // 2} blocks of "
-             f"{length:.3g} s; give a shorter duration and more paths"],
-        )  # fmt: skip
+            f"a path of {duration:.3g} s needs more than {MOST_BLOCKS // 2} blocks of "
+            f"{length:.3g} s; give a shorter duration and more paths",
+        )
     plan = ModalTablesPlan(**known, samples=samples, block_length=length, blocks=blocks)
     plan = replace(
         plan,
@@ -563,10 +563,10 @@ def _resonance_length(modes: ModalForm) -> float:
         if -value.real <= UNSTABLE * modes.frequency:
             raise NotApplicable(
                 "simulate",
-                [f"tabulated noise needs damping > 0 in every mode, got none at "
-                 f"{abs(value) / (2.0 * math.pi):.3g} Hz; give the spring its damper (a thousandth "
-                 "of critical damping is enough), or take filtered noise"],
-            )  # fmt: skip
+                f"tabulated noise needs damping > 0 in every mode, got none at "
+                f"{abs(value) / (2.0 * math.pi):.3g} Hz; give the spring its damper (a thousandth "
+                "of critical damping is enough), or take filtered noise",
+            )
         found.append(BLOCK_RELAXATIONS * max(-1.0 / value.real, 1.0 / abs(value)))
     return max(found)
 
@@ -590,7 +590,7 @@ def _block_length(modes: ModalForm, shortest: float) -> float:
             return length
         length *= 2.0
     raise NotApplicable(
-        "simulate", ["the table reaches down to frequencies too far below the resonances"]
+        "simulate", "the table reaches down to frequencies too far below the resonances"
     )
 
 
@@ -623,9 +623,9 @@ def _samples(modes: ModalForm, length: float, rate: float, on_stops: Sequence[fl
     if needed * modes.size > MOST_SAMPLES:
         raise NotApplicable(
             "simulate",
-            [f"a block needs {needed:.2g} samples of {modes.size} modes, at most "
-             f"{MOST_SAMPLES // modes.size} are made: the fastest motion (table, mode, or flight "
-             "between the stops) and the slowest (decay of a resonance) are too far apart; take "
-             "fewer modes (structure.modes), a table that ends sooner, or more damping"],
-        )  # fmt: skip
+            f"a block needs {needed:.2g} samples of {modes.size} modes, at most "
+            f"{MOST_SAMPLES // modes.size} are made: the fastest motion (table, mode, or flight "
+            "between the stops) and the slowest (decay of a resonance) are too far apart; take "
+            "fewer modes (structure.modes), a table that ends sooner, or more damping",
+        )
     return _even_fast_length(needed + 2.0)

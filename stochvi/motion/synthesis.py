@@ -171,7 +171,7 @@ def force_of(excitation: Pulses | FastPeaks, samples: int, step: float) -> Block
     try:
         excitation.cubic  # noqa: B018
     except UnreachableKurtosis as reason:
-        raise NotApplicable("simulate", [str(reason)]) from reason
+        raise NotApplicable("simulate", str(reason)) from reason
     return ForceOfPeaks(samples, step, excitation)
 
 

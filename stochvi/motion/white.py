@@ -263,7 +263,7 @@ class WhitePlan(Plan):
     def relaxation(self) -> float:
         """Relaxation time of the energy, s."""
         if self.burn_in <= self.step:
-            raise NotApplicable("records", ["the scene settles in more steps than a path can have"])
+            raise NotApplicable("records", "the scene settles in more steps than a path can have")
         return self.burn_in / RELAXATIONS
 
     @property
@@ -503,10 +503,10 @@ def lengths(
     steps = (burn_in + length) / step if step > 0.0 else math.inf
     raise NotApplicable(
         "simulate",
-        [f"a path needs {steps:.2g} steps ({burn_in:.2g} s of burn-in and "
-         f"{length:.2g} s, in steps of {step:.2g} s), at most {MOST_STEPS:.0g} are made: the "
-         "times in which the scene hits, swings and settles lie too far apart"],
-    )  # fmt: skip
+        f"a path needs {steps:.2g} steps ({burn_in:.2g} s of burn-in and "
+        f"{length:.2g} s, in steps of {step:.2g} s), at most {MOST_STEPS:.0g} are made: the "
+        "times in which the scene hits, swings and settles lie too far apart",
+    )
 
 
 def block_of(steps_per_path: int, longest: float) -> int:

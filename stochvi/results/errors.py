@@ -205,29 +205,34 @@ class StochviError(Exception):
 class SceneError(StochviError, ValueError):
     """The scene, or a file it names, is not valid.
 
-    `problems` holds (key, sentence) pairs; the message has a line for each of the first.
+    `problems` holds (key, sentence) pairs; the message has a line for each of the first. A single
+    one is given as its key and its sentence, or as a sentence alone.
 
     See Also
     --------
     stochvi.StochviError : The base of all errors of the package.
     """
 
-    def __init__(self, problems: Sequence[tuple[str, str]] | str) -> None:
-        self.problems = [("", problems)] if isinstance(problems, str) else list(problems)
+    def __init__(self, problems: Sequence[tuple[str, str]] | str, sentence: str = "") -> None:
+        if isinstance(problems, str):
+            problems = [(problems, sentence) if sentence else ("", problems)]
+        self.problems = list(problems)
         super().__init__(few_lines([f"{key} {text}".strip() for key, text in self.problems]))
 
 
 class NotApplicable(StochviError):
     """A method does not cover this scene; `conditions` lists everything that is unmet.
 
+    A single condition is given as a sentence.
+
     See Also
     --------
     stochvi.explain : Which methods apply to a scene, and why others do not.
     """
 
-    def __init__(self, method: str, conditions: Sequence[str]) -> None:
+    def __init__(self, method: str, conditions: Sequence[str] | str) -> None:
         self.method = method
-        self.conditions = tuple(conditions)
+        self.conditions = (conditions,) if isinstance(conditions, str) else tuple(conditions)
         super().__init__(f"{method} does not apply: " + "; ".join(self.conditions) + ".")
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import io
 import math
 from collections.abc import Sequence
 from functools import partial
@@ -35,7 +33,7 @@ from stochvi.results.estimates import (
 from stochvi.scenes.keys import KEY_UNITS
 from stochvi.statistics.hardness import HARDNESS
 from stochvi.views.axes import Chart, Scale, panels
-from stochvi.views.files import try_picture, write_bytes, write_table
+from stochvi.views.files import try_picture, write_parquet, write_table
 from stochvi.views.pages import Grid, Section, Told
 from stochvi.views.tables import NEGLIGIBLE
 
@@ -271,10 +269,7 @@ def write_sweep(table: DataFrame, keys: Sequence[str], folder: str | Path, title
     `sweep.png`; the units stand in the names of the columns."""
     folder = Path(folder)
     written = write_sweep_table(table, keys, folder)
-    if importlib.util.find_spec("pyarrow") is not None:
-        memory = io.BytesIO()
-        written.to_parquet(memory, index=False)
-        write_bytes(memory.getvalue(), folder / "sweep.parquet")
+    write_parquet(written, folder / "sweep.parquet")
     if quantities(table):
         try_picture(partial(draw_sheet, table, keys, title), folder / "sweep.png")
 

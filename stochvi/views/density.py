@@ -279,23 +279,16 @@ ANIMATION_DPI = 80
 
 def history_told(found: History) -> Told:
     """The quantities of the history, and the meanings of the columns of its table."""
-    rows = []
-    for group in (found.coordinates, found.impact_pairs):
-        for owner, numbers in group.items():
-            known = quantities_of(type(numbers))
-            for name, value in numbers.items():
-                quantity = shown_as(in_angles(owner, known[name].unit))
-                words = quantity.heading(known[name].words)
-                rows.append([owner, words, f"{quantity(value):.5g}"])
-    table = Grid(
-        caption="one realisation, which has no standard error",
-        headings=["of", "quantity", "value"],
-        rows=rows,
-        words=2,
-    )
-    return told_of(
-        found, [table], [f"{name}: {meaning}" for name, meaning in found.meanings.items()]
-    )
+    rows = [
+        {"of": owner, "quantity": quantity.heading(known.words), "value": f"{quantity(value):.5g}"}
+        for group in (found.coordinates, found.impact_pairs)
+        for owner, numbers in group.items()
+        for name, value in numbers.items()
+        for known in [quantities_of(type(numbers))[name]]
+        for quantity in [shown_as(in_angles(owner, known.unit))]
+    ]
+    table = Grid.of("one realisation, which has no standard error", rows, words=2)
+    return told_of(found, table, [f"{name}: {words}" for name, words in found.meanings.items()])
 
 
 class _Panel(NamedTuple):

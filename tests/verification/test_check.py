@@ -608,7 +608,7 @@ def test_all_methods_count_impacts_above_one_speed() -> None:
         plans += [] if model.functions else [plan_several(model, None, None)]
         counted = {plan.layout.thresholds["stops"] for plan in plans}
         if scene is not truck:
-            counted.add(stationary._slow(stationary._motion(scene, 0.1, None)))
+            counted.add(stationary._asked(scene, 0.1, None)[1])
         assert len(counted) == 1 and counted.pop() > 0.0
     plan = make_plan(model_of(lossy))
     assert plan.layout.thresholds["stops"] == pytest.approx(0.05 * balanced_speed(0.8), rel=1e-6)

@@ -759,8 +759,8 @@ def _first(
             field = _field(scaled, make_strips(patches, FIRST_DEGREES), SLOWEST[0])
         except np.linalg.LinAlgError:
             raise NotConverged(UNSOLVED) from None
-        new = _hit(field)
-        if not new and field.edge() <= EDGE * _rarity(scaled):
+        new, rare = _hit(field), math.exp(-scaled.rare_energy)
+        if not new and field.edge() <= EDGE * rare:
             break
         hit |= new
         stretch *= 1.0 if new else STRETCH
@@ -786,11 +786,6 @@ def _nearest(scaled: ScaledMotion, stop: Stop) -> float:
     """The place in the box, and its mirror image if that was left out, next to a stop."""
     left = 2.0 * scaled.left - scaled.right if scaled.halved else scaled.left
     return min(max(stop.position, left), scaled.right)
-
-
-def _rarity(scaled: ScaledMotion) -> float:
-    """Probability of energies that must be resolved however rare they are, by the weight."""
-    return math.exp(-scaled.rare_energy)
 
 
 MOTION = ("mean", "variance", "velocity_mean_square")

@@ -16,7 +16,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 from scipy.special import ndtr
 
-from stochvi.mathematics.impact_rates import BetaDistribution
+from stochvi.mathematics.impact_rates import BetaDistribution, normal_density
 from stochvi.mathematics.numerics import Array, gauss_panels
 from stochvi.mathematics.units import with_checks
 from stochvi.methods.fokker_planck.basis import LinearBox, Mesh, legendre
@@ -534,6 +534,10 @@ class Gaussian:
         exponent = (vv * a**2 - 2.0 * xv * a * b + xx * b**2) / determinant
         density: Array = np.exp(-exponent / 2.0) / (2.0 * math.pi * math.sqrt(determinant))
         return density
+
+    def displacement_density(self, x: Array) -> Array:
+        """Density of the displacement, 1/m."""
+        return normal_density(x, self.mean[0], self.deviations[0])
 
     def grids(self) -> tuple[Array, Array]:
         """Displacements and velocities between which the density is smooth.

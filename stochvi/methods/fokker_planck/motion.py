@@ -133,10 +133,8 @@ class _Ray:
         if away[0] > FARTHEST * motion.length and wall == math.inf:
             raise NotApplicable(
                 "fokker-planck",
-                [
-                    "the spring or a stop must hold the mass on either side, got nothing on its "
-                    f"{'upper' if self.side > 0 else 'lower'} side; give a stiffness or a stop"
-                ],
+                "the spring or a stop must hold the mass on either side, got nothing on its "
+                f"{'upper' if self.side > 0 else 'lower'} side; give a stiffness or a stop",
             )
         places = self.start + self.side * away[away < wall]
         if len(places) < self.at_once:
@@ -369,14 +367,14 @@ def _root(function: Callable[[float], float], start: float) -> float:
             break
         low, high = low - step, low
     else:
-        raise NotApplicable("fokker-planck", [UNBOUNDED])
+        raise NotApplicable("fokker-planck", UNBOUNDED)
     if low == start:
         for _ in range(MOST_STEPS):
             if function(high) >= 0.0:
                 break
             low, high = high, high + step
         else:
-            raise NotApplicable("fokker-planck", [UNBOUNDED])
+            raise NotApplicable("fokker-planck", UNBOUNDED)
     return float(scipy.optimize.brentq(function, low, high, xtol=1e-9)) if high > low else low
 
 
@@ -843,10 +841,8 @@ def _check_tails(motion: Motion, left: float, right: float, weight: float) -> No
         if falls <= HEAVIEST:
             raise NotApplicable(
                 "fokker-planck",
-                [
-                    "restoring_force must leave a finite variance, got a density that falls as "
-                    f"x^-{falls:.3g} far out, no faster than x^-3"
-                ],
+                "restoring_force must leave a finite variance, got a density that falls as "
+                f"x^-{falls:.3g} far out, no faster than x^-3",
             )
 
 

@@ -562,11 +562,8 @@ def fokker_planck(
     0.5320907 m
     """
     started, deadline = time.perf_counter(), Deadline.after(budget)
-    motion = _motion(scene, rtol, speed_threshold)
-    model = motion.model
-    if speed_threshold is None:
-        speed_threshold = _slow(motion)
-    rates, balances = _finite_rates(model, speed_threshold), None
+    motion, speed_threshold, rates = _asked(scene, rtol, speed_threshold)
+    model, balances = motion.model, None
     found, how = None, "half-range Galerkin"
     if _all_numbers(model) and not model.scattered:
         found = _on_fixed_meshes(model, rtol, speed_threshold)
@@ -640,10 +637,7 @@ def fokker_planck_density(
     0.0966 impacts per second
     """
     started, deadline = time.perf_counter(), Deadline.after(budget)
-    motion = _motion(scene, rtol, speed_threshold)
-    if speed_threshold is None:
-        speed_threshold = _slow(motion)
-    rates = _finite_rates(motion.model, speed_threshold)
+    motion, speed_threshold, rates = _asked(scene, rtol, speed_threshold)
     answered = refine(motion, rtol, speed_threshold, rates, deadline)
     found = answered.averages, answered.errors
     balances = _balances(answered) if functions(motion.model) else None
@@ -653,13 +647,17 @@ def fokker_planck_density(
     return StationaryDensity(response=response, fine=answered.field, coarse=answered.coarser)
 
 
-def _motion(scene: Scene, rtol: float, speed_threshold: float | None) -> Motion:
-    _check_arguments(rtol, speed_threshold)
+def _asked(scene: Scene, rtol: float, given: float | None) -> tuple[Motion, float, set[str]]:
+    """What is to be solved, the threshold of its rates (m/s), and the sides that have a rate."""
+    check_rtol(rtol)
+    if given is not None and not 0.0 <= given < math.inf:
+        raise ValueError(f"speed_threshold must be finite and at least 0, got {given:g}")
     model = model_of(scene)
-    conditions = unmet(model)
-    if conditions:
+    if conditions := unmet(model):
         raise NotApplicable("fokker-planck", conditions)
-    return Motion(model=model)
+    motion = Motion(model=model)
+    threshold = _slow(motion) if given is None else given
+    return motion, threshold, _finite_rates(model, threshold)
 
 
 def _slow(motion: Motion) -> float:
@@ -874,12 +872,6 @@ def _physical(found: MeshMoments) -> MeshMoments:
 
 def _shaped(found: MeshMoments, shape: tuple[int, ...]) -> MeshMoments:
     return MeshMoments(*(column.reshape(shape) for column in found))
-
-
-def _check_arguments(rtol: float, speed_threshold: float | None) -> None:
-    check_rtol(rtol)
-    if speed_threshold is not None and not 0.0 <= speed_threshold < math.inf:
-        raise ValueError(f"speed_threshold must be finite and at least 0, got {speed_threshold:g}")
 
 
 def _finite_rates(model: Model, threshold: float) -> set[str]:

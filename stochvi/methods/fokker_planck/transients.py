@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stochvi.mathematics.impact_rates import normal_density, rice_rate
+from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.mathematics.numerics import Array
 from stochvi.mathematics.spectra import step_covariance, transition
 from stochvi.mathematics.units import RATE, TIME
@@ -330,7 +330,7 @@ def first_passage(
     height = barrier_height(model, low, high)
     if height > HIGHEST:
         sentence = f"barriers must be within {HIGHEST:g} standard deviations, got {height:.3g}"
-        raise NotApplicable(METHOD, [sentence])
+        raise NotApplicable(METHOD, sentence)
     begin, turning = start_of(start, model), turning_stops(model, low, high)
     _check_start(begin, *box_ends(model, low, high), turning)
     layout = passage_layout(model, low, high, begin)
@@ -630,7 +630,7 @@ class Transient(Result):
     method: str = TRANSIENT
     effects: Sequence[str] = ()
     assumptions: Sequence[str] = ()
-    _states: tuple[_State, ...] = field(default=())
+    _states: tuple[_State | Gaussian, ...] = field(default=())
 
     def density(self, x: ArrayLike, v: ArrayLike, index: int) -> Array:
         """Joint density at times[index], per m and m/s; x and v are broadcast to one shape."""
@@ -655,24 +655,15 @@ class Transient(Result):
 
 
 class _State(NamedTuple):
-    """A density on a mesh, or one that no stop has touched yet."""
+    """A density on a mesh."""
 
-    operator: Operator | None
-    coefficients: Array | None
-    law: Gaussian | None
+    operator: Operator
+    coefficients: Array
 
     def density(self, x: Array, v: Array) -> Array:
-        if self.law is not None:
-            return self.law.density(x, v)
-        assert self.operator is not None
-        assert self.coefficients is not None
         return self.operator.density(self.coefficients, x, v)
 
     def displacement_density(self, x: Array) -> Array:
-        if self.law is not None:
-            return normal_density(x, self.law.mean[0], self.law.deviations[0])
-        assert self.operator is not None
-        assert self.coefficients is not None
         return self.operator.displacement_density(self.coefficients, x)
 
 
@@ -926,7 +917,7 @@ def _transient_on_mesh(
 
 def _refined_transient(
     problem: _Problem, rtol: float, deadline: Deadline
-) -> tuple[Moments, Moments, tuple[_State, ...]]:
+) -> tuple[Moments, Moments, tuple[_State | Gaussian, ...]]:
     """Averages, bounds on their errors and densities, on the first level that reaches rtol."""
     answers = (_transient_on_mesh(problem, mesh, rtol) for mesh in meshes(problem.layout))
     for (coarse, *_), fine in in_pairs(answers, deadline):
@@ -936,7 +927,7 @@ def _refined_transient(
         if _worst_transient(values, errors) <= rtol:
             break
     found = tuple(
-        _State(operator, state, None) if law is None else _State(None, None, law)
+        law or _State(operator, state)  # a law that no stop has touched yet
         for state, law in zip(states, problem.early, strict=True)
     )
     return values, errors, found

@@ -578,7 +578,7 @@ def rms_along(scene: Scene) -> DataFrame:
     span = scene.structure
     if not isinstance(span, Span):
         raise NotApplicable(
-            "map", [f"structure.kind must be 'bar', 'beam' or 'plate', got {span.kind!r}"]
+            "map", f"structure.kind must be 'bar', 'beam' or 'plate', got {span.kind!r}"
         )
     count = PLACES[len(span.sides)]
     fine = scene.replace(structure=span.with_places(count))

@@ -464,8 +464,7 @@ def solutions(model: Model, deadline: Deadline = NEVER) -> list[_Solution]:
     rough = scales_by(model, modes, "linearise", compliant=True)
     if rough is None:
         raise NotApplicable(
-            "linearise",
-            ["every mode must be shaken, lose energy, and be held by stiffness or stops"],
+            "linearise", "every mode must be shaken, lose energy, and be held by stiffness or stops"
         )
     law, scales = rough
     if not model.pairs:
@@ -971,9 +970,9 @@ def _with_hysteresis(scene: Scene, model: Model, started: float) -> Response:
         if law is None:
             raise NotApplicable(
                 "linearise",
-                ["every mode must lose energy and be held by a spring beside that with hysteresis, "
-                 "got one that drifts; add stiffness"],
-            )  # fmt: skip
+                "every mode must lose energy and be held by a spring beside that with hysteresis, "
+                "got one that drifts; add stiffness",
+            )
         found = [law.variances(row, first) for first in (0, modes.size) for row in modes.shapes]
         spread = np.sqrt(np.maximum(found, 0.0))
         if np.allclose(spread, before, rtol=SETTLED, atol=0.0):

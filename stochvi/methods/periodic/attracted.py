@@ -1371,19 +1371,15 @@ def lyapunov_exponent(
     if flight is None:
         raise NotApplicable(
             "sine",
-            [
-                "start must lead to impacts that can be followed one by one, got too many in a "
-                "period; give another start or a larger clearance"
-            ],
+            "start must lead to impacts that can be followed one by one, got too many in a "
+            "period; give another start or a larger clearance",
         )
     how = f"growth of a perturbation over {periods} periods"
     found = rate_of(*exponent(flight.growth, settling), place.period, how)
     if found is None:
         raise NotApplicable(
             "sine",
-            [
-                "start must lead to a motion without rests on a stop, got one in whose rests every "
-                "perturbation ends: its exponent is minus infinity"
-            ],
+            "start must lead to a motion without rests on a stop, got one in whose rests every "
+            "perturbation ends: its exponent is minus infinity",
         )
     return found

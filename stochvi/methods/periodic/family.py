@@ -599,10 +599,8 @@ def _series(at: Callable[[float], Vector]) -> Matrix:
     else:
         raise NotApplicable(
             "sine",
-            [
-                "vary must name a key on which the scene depends smoothly, got one with a jump or "
-                "a kink in its range; vary a shorter range"
-            ],
+            "vary must name a key on which the scene depends smoothly, got one with a jump or "
+            "a kink in its range; vary a shorter range",
         )
     last = np.flatnonzero(np.any(np.abs(coefficients) > SERIES_END * size, axis=1)).max(initial=0)
     return np.ascontiguousarray(coefficients[: last + 1])

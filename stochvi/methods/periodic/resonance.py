@@ -113,7 +113,8 @@ class StructureResonance:
         Whether each pair meets two stops, half a period apart.
     noises
         White intensities, one-sided densities, or two-sided ones as functions of rad/s, each with
-        the forces on the modes per unit of it.
+        the forces on the modes per unit of it. They alone would have to maintain the regime
+        (B 14.88-14.101). A mass of 1 kg on its spring is the only mode of its structure.
 
     Raises
     ------
@@ -403,7 +404,7 @@ class StructureResonance:
         return ((swing + root) / (2.0 * self.power_loss)) ** 2
 
     def smallest_narrow_band(self, forces: ArrayLike, probability: float = 0.98) -> float:
-        """Rms of an excitation at w alone below which it cannot maintain the regime (B 14.100).
+        """Rms below which an excitation at w alone cannot maintain the regime (B 14.100, 14.101).
 
         Parameters
         ----------
@@ -741,7 +742,7 @@ class Motor:
         """
         if response.key != "frequency_hz":
             raise NotApplicable(
-                "motor", [f"the response must be one over frequency_hz, got {response.key}"]
+                "motor", f"the response must be one over frequency_hz, got {response.key}"
             )
         rows = [
             (number, *row)

@@ -1142,7 +1142,7 @@ def searching(
     family = Family.of(lambda value: model_of(scene_at(value)), *ends, coordinate)
     finder = finder_of(family, family.sigma(values), most_impacts, deadline)
     if slow := too_slow(finder):
-        raise NotApplicable("sine", [slow])
+        raise NotApplicable("sine", slow)
     return finder
 
 

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field
 
-from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import checked
 from stochvi.model.model import UPPER, Model, Pair, inertia_of
 from stochvi.results.base import RESPONSE_QUANTITIES, DataFrame, Response
@@ -128,6 +127,13 @@ Numbers = Annotated[
 ]
 
 
+UNITS = {
+    ("white", True): "(m/s^2)^2 s", ("white", False): "N^2 s",
+    ("tabulated", True): "(m/s^2)^2/Hz", ("tabulated", False): "N^2/Hz",
+}  # fmt: skip
+"""Unit of a noise by its kind, and whether it moves the base."""
+
+
 class NoiseEntry(Checked):
     """A noise of a problem file: white with an intensity, or tabulated with a density."""
 
@@ -142,30 +148,18 @@ class NoiseEntry(Checked):
     def excitation(self) -> WhiteNoise | TabulatedNoise:
         """The excitation that this entry stands for."""
         base = self.on == BASE
-        if self.kind == "white":
-            self._check_unit("(m/s^2)^2 s" if base else "N^2 s")
-            if self.intensity is None:
-                raise SceneError(
-                    [("intensity", "is missing, expected the intensity of the white noise")]
-                )
-            return WhiteNoise(on=self.on, intensity=self.intensity)
-        self._check_unit("(m/s^2)^2/Hz" if base else "N^2/Hz")
-        return TabulatedNoise(
-            on=self.on, frequency_hz=self.frequency_hz, density=self.density,
-            unit="(m/s2)2/Hz" if base else "N2/Hz",
-        )  # fmt: skip
-
-    def _check_unit(self, wanted: str) -> None:
-        if self.unit != wanted:
-            where = "the base" if self.on == BASE else "a coordinate"
-            raise SceneError(
-                [
-                    (
-                        "unit",
-                        f"must be {wanted!r} for {self.kind} noise on {where}, got {self.unit!r}",
-                    )
-                ]
-            )
+        if self.unit != (wanted := UNITS[self.kind, base]):
+            where = "the base" if base else "a coordinate"
+            sentence = f"must be {wanted!r} for {self.kind} noise on {where}, got {self.unit!r}"
+            raise SceneError("unit", sentence)
+        if self.kind == "tabulated":
+            return TabulatedNoise(
+                on=self.on, frequency_hz=self.frequency_hz, density=self.density,
+                unit="(m/s2)2/Hz" if base else "N2/Hz",
+            )  # fmt: skip
+        if self.intensity is None:
+            raise SceneError("intensity", "is missing, expected the intensity of the white noise")
+        return WhiteNoise(on=self.on, intensity=self.intensity)
 
 
 class StopEntry(Checked):
@@ -214,13 +208,9 @@ class ProblemFile(Checked):
         """The problem that the file describes."""
         if len(self.constant_force) != len(self.coordinates):
             raise SceneError(
-                [
-                    (
-                        "constant_force",
-                        f"needs a number for each of the {len(self.coordinates)} coordinates, got "
-                        f"{len(self.constant_force)}",
-                    )
-                ]
+                "constant_force",
+                f"needs a number for each of the {len(self.coordinates)} coordinates, got "
+                f"{len(self.constant_force)}",
             )
         return Problem(
             name=self.name,
@@ -270,13 +260,9 @@ class ProblemFile(Checked):
             places = {(stop.on, stop.between) for stop in stops}
             if len(set(sides)) < len(sides) or len(places) > 1:
                 raise SceneError(
-                    [
-                        (
-                            "stops",
-                            f"must be at most one lower and one upper stop of the pair {name!r}, "
-                            f"with the same on or between, got {', '.join(sides)}",
-                        )
-                    ]
+                    "stops",
+                    f"must be at most one lower and one upper stop of the pair {name!r}, "
+                    f"with the same on or between, got {', '.join(sides)}",
                 )
             keys: dict[str, Any] = {stop.side: stop.position for stop in stops}
             keys |= {
@@ -485,23 +471,17 @@ def _noises(model: Model) -> Iterator[dict[str, Any]]:
     base = inertia_of(model.mass, model.base_rows[:, 0])
     for strength, direction in model.whites:
         on = _place(model, direction, base)
-        unit = "(m/s^2)^2 s" if on == BASE else "N^2 s"
+        unit = UNITS["white", on == BASE]
         yield {
-            "kind": "white", "on": on, "intensity": strength, "unit": unit,
-            "convention": WHITE,
+            "kind": "white", "on": on, "intensity": strength, "unit": unit, "convention": WHITE
         }  # fmt: skip
     for table, force in model.tables:
         on = _place(model, force, base)
-        yield {"kind": "tabulated", "on": on, **_points(table), "unit": _density_unit(on),
-               "convention": TABULATED}  # fmt: skip
-
-
-def _points(table: Table) -> dict[str, list[float]]:
-    return {"frequency_hz": table.frequency_hz.tolist(), "density": table.density.tolist()}
-
-
-def _density_unit(on: str) -> str:
-    return "(m/s^2)^2/Hz" if on == BASE else "N^2/Hz"
+        yield {
+            "kind": "tabulated", "on": on, "frequency_hz": table.frequency_hz.tolist(),
+            "density": table.density.tolist(), "unit": UNITS["tabulated", on == BASE],
+            "convention": TABULATED,
+        }  # fmt: skip
 
 
 def _place(model: Model, direction: Any, base: Any) -> str:

@@ -393,25 +393,16 @@ Values = Mapping[str, Any]
 Function = Callable[[Values], Any]
 """A function of the quantities, which may be numbers or arrays."""
 
-QUANTITIES = (
-    "displacement_mean",
-    "displacement_std",
-    "velocity_std",
-    "collision_rate",
-    "impact_speed_rate",
-    "impact_speed_square_rate",
-)
+IMPACTS = ("collision_rate", "impact_speed_rate", "impact_speed_square_rate")
+"""Quantities of impacts: sums of w^0, w^1 and w^2 per second, w the impact speed."""
+
+QUANTITIES = ("displacement_mean", "displacement_std", "velocity_std", *IMPACTS)
 """The quantities that are judged: moments, impacts per second, F1 and F2. The
 standard deviation of the velocity and the rates show mistakes that displacements hide."""
 
 AVERAGES = (
-    "displacement_mean",
-    "displacement_mean_square",
-    "velocity_mean_square",
-    "collision_rate",
-    "impact_speed_rate",
-    "impact_speed_square_rate",
-)
+    "displacement_mean", "displacement_mean_square", "velocity_mean_square", *IMPACTS
+)  # fmt: skip
 """Time averages of one path, from which the quantities follow."""
 
 RECORDS = ("displacement", "velocity", "impact_speed", "impact_time")
@@ -535,10 +526,6 @@ def _quantities(means: Values) -> dict[str, Any]:
         if average == "velocity_mean_square":
             found[f"{owner}velocity_std"] = np.sqrt(np.maximum(means[name], 0.0))
     return found
-
-
-IMPACTS = ("collision_rate", "impact_speed_rate", "impact_speed_square_rate")
-"""Quantities of impacts: sums of w^0, w^1 and w^2 per second, w the impact speed."""
 
 
 def returnable(problem: Problem, quantities: Sequence[str]) -> list[str]:
@@ -826,7 +813,8 @@ def known_problems(
     """
     if isinstance(scenes, str):
         raise ValueError(f"scenes must be a list of names, got the one name {scenes!r}")
-    named = dict(scenes) if isinstance(scenes, Mapping) else _of_the_zoo(tuple(scenes))
+    given = scenes if isinstance(scenes, Mapping) else (*scenes,)
+    named = dict(given) if isinstance(given, Mapping) else zoo(*given) if given else {}
     problems = [
         problem_of(scene, name=name, paths=paths, relaxations=relaxations)
         for name, scene in named.items()
@@ -886,7 +874,7 @@ def solved(scene: Scene, speed_threshold: float | None = None, *, rtol: float = 
         return reason.partial
     except NotApplicable as reason:
         raise NotApplicable(
-            "judge", [f"no exact answer is known ({unknown} {str(reason).rstrip('.')})"]
+            "judge", f"no exact answer is known ({unknown} {str(reason).rstrip('.')})"
         ) from None
 
 
@@ -910,11 +898,6 @@ def truths_of(problem: Problem, response: Response) -> dict[str, Estimate]:
             else:
                 found[full] = truth
     return found
-
-
-def _of_the_zoo(names: tuple[str, ...]) -> dict[str, Scene]:
-    """Scenes of the zoo by name; an empty dictionary where no name is given."""
-    return zoo(*names) if names else {}
 
 
 def _threshold(truth: Response) -> float:
