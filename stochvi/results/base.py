@@ -246,6 +246,20 @@ def unit_of_column(column: str) -> str | None:
     return _unit_of_name(name)
 
 
+def stated_unit(column: str) -> tuple[str, str | None]:
+    """The name of a column without its ending and without the unit that it states; and that unit,
+    or None.
+
+    >>> stated_unit("base_velocity_m_s"), stated_unit("clearance")
+    (('base_velocity', 'm/s'), ('clearance', None))
+    """
+    name, _ = _parts(column)
+    for unit, suffix in sorted(SUFFIXES.items(), key=lambda each: -len(each[1])):
+        if name.endswith(f"_{suffix}"):
+            return name.removesuffix(f"_{suffix}"), unit
+    return name, None
+
+
 def _unit_of_name(name: str) -> str | None:
     return RESPONSE_QUANTITIES[name].unit if name in RESPONSE_QUANTITIES else COLUMN_UNITS.get(name)
 
@@ -303,10 +317,8 @@ def _quantity_of(column: str, units: Mapping[str, str]) -> tuple[str, ShownQuant
     name, ending = _parts(column)
     if any(part in ROTATIONS for part in name.split(".")[:-1]):
         return name, None, ending
-    for known, suffix in sorted(SUFFIXES.items(), key=lambda each: -len(each[1])):
-        if name.endswith(f"_{suffix}"):
-            return name.removesuffix(f"_{suffix}"), shown_as(known), ending
-    unit = units.get(name) or _unit_of_name(name)
+    name, stated = stated_unit(column)
+    unit = stated or units.get(name) or _unit_of_name(name)
     return name, None if unit is None else shown_as(unit), ending
 
 

@@ -255,6 +255,18 @@ class BandedDensity:
         half = GAUSSIAN_95 * self.standard_error
         return np.maximum(self.density - half, 0.0), self.density + half
 
+    def to_frame(self) -> DataFrame:
+        """A row for each bin: the displacement in its middle, m, and the density there, 1/m."""
+        lower, upper = self.bands()
+        middles = 0.5 * (self.edges[1:] + self.edges[:-1])
+        return frame_of(
+            {
+                "displacement": middles, "value": self.density,
+                "standard_error": self.standard_error, "lower": lower, "upper": upper,
+                "unit": "1/m",
+            }
+        )  # fmt: skip
+
     @classmethod
     def of(cls, shares: Matrix, low: float, high: float) -> BandedDensity:
         """The density from the shares of time (paths, bins) that paths spend in equal bins from

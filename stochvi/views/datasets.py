@@ -6,12 +6,13 @@ import math
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stochvi.mathematics.units import NUMBER, ShownQuantity, readable, shown_as
 from stochvi.results.base import (
+    OF_A_VALUE,
     RESPONSE_QUANTITIES,
     DataFrame,
     Result,
@@ -19,6 +20,7 @@ from stochvi.results.base import (
     estimate_of,
     frame_of,
     rows_of,
+    stated_unit,
     unit_of_column,
     with_unit,
 )
@@ -41,6 +43,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
     from matplotlib.axes import Axes
+
+    from stochvi.statistics.densities import BandedDensity
 
 
 # ------------------------------------------------------------------------------
@@ -309,19 +313,22 @@ MOST_BLANKS = 4
 """Most cells of the grid of an answer for each row of its table; of sparser ones rows are kept."""
 
 
-def to_xarray(table: DataFrame | Result, keys: Sequence[str] | None = None) -> xr.Dataset:
+def to_xarray(
+    table: DataFrame | Result | BandedDensity, keys: Sequence[str] | None = None
+) -> xr.Dataset:
     """Return the table of a sweep, or of any answer, as a Dataset with coordinates and units.
 
     Where the rows are all combinations of the values of the keys, each key is a dimension; answers
     may lack a few, which are NaN. Else, as for a table of samples, the one dimension is "sample",
     and the keys are coordinates along it. Variables have the names of the columns, and
-    `attrs["units"]` in SI. This needs xarray, which `pip install "stochvi[xarray]"` brings.
+    `attrs["units"]` in SI; where the units of rows differ, they are a coordinate. This needs
+    xarray, which `pip install "stochvi[xarray]"` brings.
 
     Parameters
     ----------
     table
-        What `stochvi.sweep` returned, or a part of its rows, or an answer: a spectrum, a map,
-        basins.
+        What `stochvi.sweep` returned, or a part of its rows, or an answer: a history, a spectrum, a
+        density of `simulate`, a map, basins.
     keys
         The columns that are coordinates; by default those that were varied, or the first of an
         answer that tell its rows apart. A table that was read from a file needs them.
@@ -354,37 +361,61 @@ def to_xarray(table: DataFrame | Result, keys: Sequence[str] | None = None) -> x
     except ImportError as error:
         raise ImportError('to_xarray needs xarray: pip install "stochvi[xarray]"') from error
 
+    rows: Any = table
     most = 1
-    if isinstance(table, Result):
-        table, most = table.to_frame(), MOST_BLANKS
-        columns = list(map(str, table))
+    if not hasattr(rows, "attrs") and hasattr(rows, "to_frame"):
+        rows, most = rows.to_frame(), MOST_BLANKS
+        columns = list(map(str, rows))
         firsts = (columns[: n + 1] for n in range(len(columns)))
-        told = (first for first in firsts if not table.duplicated(first).any())
+        told = (first for first in firsts if not rows.duplicated(first).any())
         keys = next(told, columns[:1]) if keys is None else keys
-    if not hasattr(table, "attrs"):
+    if not hasattr(rows, "attrs"):
         raise ValueError(
-            f"table must be a table or an answer that is one, got a {type(table).__name__}"
+            f"table must be a table or an answer that is one, got a {type(rows).__name__}"
         )
-    names = list(table.attrs.get(KEYS, ()) if keys is None else keys)
-    if not names or not set(names) <= set(table):
+    names = list(rows.attrs.get(KEYS, ()) if keys is None else keys)
+    if not names or not set(names) <= set(rows):
         raise ValueError(
             f"keys must name columns of the table, got {names or 'none'}; give keys=[...] where "
             "the table was read from a file"
         )
-    cells = math.prod(table[name].nunique() for name in names)
-    if cells <= most * len(table) and not table.duplicated(names).any():
-        found = xr.Dataset.from_dataframe(table.set_index(names))
+    cells = math.prod(rows[name].nunique() for name in names)
+    if cells <= most * len(rows) and not rows.duplicated(names).any():
+        found = xr.Dataset.from_dataframe(rows.set_index(names))
     else:
-        rows = table.reset_index(drop=True).rename_axis("sample")
-        found = xr.Dataset.from_dataframe(rows).set_coords(names)
-    for name, unit in _units(table, names).items():
+        samples = rows.reset_index(drop=True).rename_axis("sample")
+        found = xr.Dataset.from_dataframe(samples).set_coords(names)
+    for name, unit in _units(rows, names).items():
         found[name].attrs["units"] = unit
-    return found
+    return _with_units_of_rows(found, rows) if "unit" in rows else found
+
+
+def _with_units_of_rows(found: xr.Dataset, table: DataFrame) -> xr.Dataset:
+    """The Dataset of a table whose rows state their units, with these as attributes of the values
+    where all are the same, else along the names of quantities alone."""
+    named = [str(each) for each in found.dims if each in table and table[each].dtype.kind == "O"]
+    if table["unit"].nunique() == 1:
+        for name in (each for each in OF_A_VALUE if each in found):
+            found[name].attrs["units"] = table["unit"].iloc[0]
+        return found.drop_vars("unit")
+    if not named:
+        return found.set_coords("unit")
+    units = table.drop_duplicates(named).set_index(named)["unit"].to_xarray()
+    return found.drop_vars("unit").assign_coords(unit=units)
+
+
+def _unit_of_ending(name: str) -> str | None:
+    """The unit of a frequency."""
+    return "Hz" if name.endswith("_hz") else None
 
 
 def _units(table: DataFrame, keys: Sequence[str]) -> dict[str, str]:
     """The SI units of the columns that have one."""
-    found = {name: unit for name in map(str, table) if (unit := unit_of_column(name))}
+    found = {
+        name: unit
+        for name in map(str, table)
+        if (unit := stated_unit(name)[1] or unit_of_column(name) or _unit_of_ending(name))
+    }
     found |= {key: unit for key in keys if (unit := unit_of_key(key)) is not None}
     for quantity in quantities(table):
         unit = UNITS.get(quantity.rsplit(".", 1)[1], "1")

@@ -36,6 +36,7 @@ from stochvi.scenes.impact_laws import Restitution, Viscoelastic
 from stochvi.scenes.keys import changed_scene
 from stochvi.scenes.scene import ImpactPair, Scene, load_scene, scene_from
 from stochvi.scenes.structures import Isolator, Oscillator
+from stochvi.statistics.histories import history
 from stochvi.statistics.reliability import reliability
 from stochvi.statistics.spectra import spectrum
 from stochvi.sweeps import Job, sweep, values_of
@@ -830,11 +831,21 @@ def test_an_answer_is_a_grid_over_the_columns_that_tell_its_rows_apart(
         for name in ("value", "lower", "upper"):
             assert float(grid[name].sel(place)) == getattr(row, name)
     assert int(grid["value"].notnull().sum()) == int(table["value"].notna().sum())
+    assert grid["unit"].sel(of="x", quantity="displacement").item() == "m^2/Hz"
+    assert set(grid["unit"].dims) == {"of", "quantity"}
     times = to_xarray(first_passage(scene, times=[1.0, 2.0]))
     assert times.sizes == {"time": 2} and times["time"].attrs["units"] == "s"
     # most cells of a grid of all pairs would be empty: rows stay rows
     rows = to_xarray(check(scene, rel_error=0.2, threads=1))
     assert list(rows.sizes) == ["sample"] and {"of", "quantity"} <= set(rows.coords)
+    past = to_xarray(history(scene, duration=1.0))
+    units = {name: past[name].attrs["units"] for name in past.variables}
+    assert units == {"time_s": "s", "displacement_m": "m", "velocity_m_s": "m/s"}
+    density = simulate(scene, paths=16, duration=10.0).densities()["x"]
+    bins = to_xarray(density)
+    assert bins["value"].attrs["units"] == "1/m" and bins["displacement"].attrs["units"] == "m"
+    width = np.diff(density.edges)
+    assert float((bins["value"] * width).sum()) == pytest.approx(1.0, abs=0.02)
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(ImportError, match=r"^to_xarray needs xarray: pip install .*xarray"):
         to_xarray(found)
