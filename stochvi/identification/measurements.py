@@ -21,9 +21,9 @@ from stochvi.mathematics.units import unit as unit_called
 from stochvi.notices import InputWarning
 from stochvi.results.errors import SceneError
 from stochvi.scenes.impact_laws import CompliantLaw, ImpactLaw, RigidLaw
-from stochvi.scenes.readers import si_columns
+from stochvi.scenes.readers import si_columns, table_of
 from stochvi.scenes.records import CUT_OFF, cut_off, read_record
-from stochvi.scenes.text_tables import all_columns, read_text_table
+from stochvi.scenes.text_tables import all_columns
 
 LEAST_RISE = 0.05
 """Acceleration over its largest at which the pulse of a contact is taken to begin and to end."""
@@ -524,7 +524,7 @@ def read_test(
     Parameters
     ----------
     path
-        A table of text; for a drop any file that records are read from.
+        A table of text or a spreadsheet; for a drop any file that records are read from.
     kind
         "speeds": columns of the speeds of approach and rebound. "times": times of successive
         impacts. "force": deflection and force, with the times in front where the speed matters.
@@ -584,7 +584,7 @@ def read_test(
 def _columns(path: Path, kind: str, given: str | None) -> dict[str, Vector]:
     """The columns of a table by their names, SI units."""
     layouts = LAYOUTS[kind]
-    table = read_text_table(path, tuple(layouts[0]))
+    table = table_of(path, tuple(layouts[0]))
     layout = next((each for each in layouts if len(each) == len(table.headings)), layouts[0])
     columns = all_columns(table, tuple(layout))
     units = None if given is None else [each.strip() for each in given.split(",")]

@@ -2,7 +2,8 @@
 
 `readers.py` starts it: a damaged file may crash a library that reads it, or fill the memory,
 and takes down nothing but this. It imports nothing of stochvi, which would take longer than most
-files. First comes a line of JSON, an error or the arrays with their names, then their numbers.
+files, unless a package has the reader. First comes a line of JSON, an error or the arrays with
+their names, then their numbers.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ MOST_SECONDS = 60
 MOST_NUMBERS = 100_000_000
 """Largest count of numbers in all arrays together, 800 MB."""
 
+MOST_WRITTEN = 1000
+"""Largest file that is written, bytes: some libraries open a file for what they may write."""
+
 REAL = "fiu"
 """Kinds of the data types of numpy that hold real numbers."""
 
@@ -35,6 +39,7 @@ def main(kind: str, path: str, modules: str) -> None:
     """Read a file of a kind, with modules from the folders that a list in JSON names."""
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no answer
+    sys.dont_write_bytecode = True  # it would be cut at the limit, and kept
     limit()
     sys.path[:] = json.loads(modules)
     answer(kind, path, output)
@@ -45,15 +50,13 @@ def answer(kind: str, path: str, output: BinaryIO) -> None:
     """Write the arrays of a file, or why there are none."""
     warnings.simplefilter("ignore")
     try:
-        arrays = list(within_limit(READERS[kind](path)))
+        arrays = list(within_limit(READERS[kind](path) if kind in READERS else own(kind, path)))
     except MemoryError:
         error = {"error": "memory"}
     except EOFError:
         error = {"error": "short"}
-    except NotImplementedError:
-        error = {"error": "version"}
     except Exception as raised:  # libraries raise errors of many kinds when they parse
-        error = {"error": "unreadable", "text": type(raised).__name__}
+        error = {"error": "unreadable", "text": f"{type(raised).__name__}: {raised}"}
     else:
         write(output, arrays)
         return
@@ -68,7 +71,7 @@ def limit() -> None:
         return
     for what, most in (
         (resource.RLIMIT_AS, MOST_BYTES), (resource.RLIMIT_CPU, MOST_SECONDS),
-        (resource.RLIMIT_CORE, 0), (resource.RLIMIT_FSIZE, 0),
+        (resource.RLIMIT_CORE, 0), (resource.RLIMIT_FSIZE, MOST_WRITTEN),
     ):  # fmt: skip
         try:
             resource.setrlimit(what, (most, most))
@@ -127,6 +130,27 @@ def numeric(content: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         if array.dtype.kind in REAL and array.size > 1:
             flat = array.ravel() if max(array.shape) == array.size else array
             yield {"name": name, "x": None, "y": flat.astype(float)}
+
+
+def matlab_hdf5(path: str) -> Iterator[dict[str, Any]]:
+    """The same of a file of version 7.3, whose arrays lie in it with their last index first."""
+    import h5py
+
+    def of_numbers(group: Any) -> dict[str, Any]:
+        fields = {name: each for name, each in group.items() if name[0] != "#"}
+        return {
+            name: of_numbers(each) if isinstance(each, h5py.Group) else each[()].T
+            for name, each in fields.items()
+            if isinstance(each, h5py.Group)
+            or each.attrs.get("MATLAB_class", b"").decode() in OF_MATLAB
+        }
+
+    with h5py.File(path) as file:
+        claimed: list[int] = []
+        file.visititems(lambda _, each: claimed.append(getattr(each, "size", 0)))
+        if sum(claimed) > MOST_NUMBERS:
+            raise MemoryError
+        yield from numeric(of_numbers(file))
 
 
 def uff(path: str) -> Iterator[dict[str, Any]]:
@@ -282,14 +306,99 @@ def ide(path: str) -> Iterator[dict[str, Any]]:
                 }  # fmt: skip
 
 
+def tdms(path: str) -> Iterator[dict[str, Any]]:
+    """The channels of numbers of LabVIEW's binary files, with times where their step is stated."""
+    import nptdms
+    import numpy as np
+
+    with nptdms.TdmsFile.open(path) as file:
+        if file.file_status.incomplete_final_segment:
+            raise EOFError
+        for channel in (each for group in file.groups() for each in group.channels()):
+            if channel.dtype.kind in REAL:
+                y, about = channel[:].astype(float), channel.properties
+                step, start = about.get("wf_increment"), about.get("wf_start_offset", 0.0)
+                yield {
+                    "name": channel.name, "of": channel.group_name,
+                    "unit": str(about.get("unit_string", "")),
+                    "x": start + step * np.arange(len(y)) if step else None, "y": y,
+                }  # fmt: skip
+
+
+def mf4(path: str) -> Iterator[dict[str, Any]]:
+    """The channels of numbers of a measurement of version 4 (ASAM), each with its own times."""
+    import asammdf
+
+    with asammdf.MDF(path) as file:
+        for signal in file.iter_channels():
+            if signal.samples.dtype.kind in REAL and signal.samples.ndim == 1:
+                group = file.groups[signal.group_index].channel_group
+                _, of_time = signal.master_metadata or ("", 0)
+                yield {
+                    "name": signal.name, "of": group.acq_name or f"group {signal.group_index + 1}",
+                    "unit": signal.unit, "x": signal.timestamps if of_time == 1 else None,
+                    "y": signal.samples.astype(float),
+                }  # fmt: skip
+
+
+def wav(path: str) -> Iterator[dict[str, Any]]:
+    """The channels of a sound file, as parts of full scale."""
+    import numpy as np
+    from scipy.io import wavfile
+
+    warnings.filterwarnings("error", "Reached EOF prematurely")
+    rate, samples = wavfile.read(path)
+    if samples.dtype.kind != "f":
+        full = 2.0 ** (8 * samples.dtype.itemsize - 1)
+        samples = samples / full - (samples.dtype.kind == "u")  # 8 bits count from 0
+    for number, channel in enumerate(np.atleast_2d(samples.T), start=1):
+        yield {
+            "name": str(number), "of": "the sound", "unit": "", "x": np.arange(len(channel)) / rate,
+            "y": channel.astype(float),
+        }  # fmt: skip
+
+
+def excel(path: str) -> Iterator[dict[str, Any]]:
+    """The sheets that hold anything, as text with tabs between cells."""
+    import numpy as np
+    import openpyxl
+
+    for sheet in openpyxl.load_workbook(path, read_only=True, data_only=True).worksheets:
+        rows = (
+            "\t".join("" if cell is None else " ".join(str(cell).split()) for cell in row)
+            for row in sheet.iter_rows(values_only=True)
+        )
+        if text := "\n".join(rows).rstrip():
+            yield {"name": sheet.title, "text": text, "x": None, "y": np.empty(0)}
+
+
+def own(ending: str, path: str) -> Iterator[dict[str, Any]]:
+    """The table that a reader of another package makes of a file."""
+    from pathlib import Path
+
+    from stochvi.scenes import outside
+    from stochvi.scenes.frames import Frame
+
+    found = Frame.of(outside.READERS[ending](Path(path)))
+    yield {
+        "name": ending, "headings": found.names, "indexed": found.indexed, "x": None,
+        "y": found.columns,
+    }  # fmt: skip
+
+
 READERS: dict[str, Callable[[str], Iterator[dict[str, Any]]]] = {
     "MATLAB": matlab,
+    "MATLAB 7.3": matlab_hdf5,
     "UFF": uff,
     "UFF modes": uff_modes,
     "Nastran modes": nastran_modes,
     "Exodus modes": exodus_modes,
     "Nastran matrices": nastran_matrices,
     "IDE": ide,
+    "TDMS": tdms,
+    "MF4": mf4,
+    "WAV": wav,
+    "Excel": excel,
 }
 """Name of a format -> its reader."""
 

@@ -19,7 +19,7 @@ from pydantic.json_schema import SkipJsonSchema
 
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.results.errors import SceneError
-from stochvi.scenes.text_tables import Heading, PlainRows, TextTable, read_text_table, unit_in
+from stochvi.scenes.text_tables import Heading, PlainRows, TextTable, unit_in
 
 KNOWN: WeakValueDictionary[int, Frame] = WeakValueDictionary()
 """The frames of the scenes of this process, whose digests stand in documents for them. Equal frames
@@ -205,14 +205,6 @@ Values = Annotated[
     SkipJsonSchema[Any], BeforeValidator(Frame.of), PlainSerializer(lambda frame: frame.digest)
 ]
 """Numbers in the place of a file, which the document of a scene knows by their digest."""
-
-
-def table_of(source: Path | Frame, names: Sequence[str], largest: int | None = None) -> TextTable:
-    """The table of a file or a frame that has at least the columns `names`; errors as for
-    `read_text_table`."""
-    if isinstance(source, Frame):
-        return source.table(names)
-    return read_text_table(source, names, largest)
 
 
 def source_of(keys: Any) -> tuple[str, Path | Frame] | None:

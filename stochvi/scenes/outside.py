@@ -6,12 +6,15 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from stochvi.notices import PartWarning
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
+
+    from numpy.typing import ArrayLike
 
 Part = TypeVar("Part")
 
@@ -99,3 +102,19 @@ def origin_of(part: object) -> str:
     """The package, or else the module, that a part is from; empty of one that ships."""
     module = (getattr(part, "__module__", None) or type(part).__module__).partition(".")[0]
     return "" if module == "stochvi" else PACKAGES.get(module, module)
+
+
+Reader = Callable[[Path], "Mapping[str, ArrayLike]"]
+"""Reads a file: its columns by their headings, which state units as those of a text file do."""
+
+
+def _reader_called(name: str, given: Any) -> Reader:
+    """The reader of another package."""
+    if not callable(given):
+        raise TypeError(f"must be a function of a path, got {given!r}")
+    reader: Reader = given
+    return reader
+
+
+READERS: Parts[Reader] = Parts("readers", {}, _reader_called)
+"""Readers of other packages by the ending of a name; formats that are read here keep theirs."""

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from stochvi.results.errors import SceneError
-from stochvi.scenes.text_tables import Heading, TextTable, read_text_table, split_cells
+from stochvi.scenes.readers import table_of
+from stochvi.scenes.text_tables import Heading, TextTable, split_cells
 
 WORDS, LENGTHS = ("name", "on", "between"), ("lower", "upper", "tolerance")
 """Columns of text, and columns of lengths with their unit."""
@@ -27,7 +28,7 @@ def read_pairs(file: str) -> list[dict[str, Any]]:
     Raises `SceneError` with the line, or the column, that is not understood.
     """
     path = Path(file)
-    table = read_text_table(path, ("upper",), LARGEST)
+    table = table_of(path, ("upper",), LARGEST)
     places = {_name_of(table, heading): n for n, heading in enumerate(table.headings)}
     if len(places) < len(table.headings) or not {"lower", "upper"} & places.keys():
         raise SceneError(f"{path} needs lower or upper, and each column once, {_got(table)}")

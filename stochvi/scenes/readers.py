@@ -1,5 +1,6 @@
 """Columns of numbers from files of instruments and analysers. Chapters: binary files (MATLAB, UFF,
-NumPy, IDE), read where damage does no harm; the one reader of all formats; units of text columns.
+NumPy, channels of loggers), read where damage does no harm; the one reader of all formats; units of
+text columns.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import signal
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice
@@ -20,29 +21,29 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.units import DENSITIES, UNITS, Unit, listed_units, shown, unit
 from stochvi.results.deadline import in_command
 from stochvi.results.errors import SceneError
-from stochvi.scenes import foreign_reader
-from stochvi.scenes.foreign_reader import MOST_NUMBERS, MOST_SECONDS, REAL
+from stochvi.scenes import foreign_reader, outside
+from stochvi.scenes.foreign_reader import MOST_NUMBERS, MOST_SECONDS, READERS, REAL
 from stochvi.scenes.frames import Frame
-from stochvi.scenes.outside import Parts, origin_of
 from stochvi.scenes.text_tables import (
     VALUES,
     Heading,
     TextTable,
     check_file,
     read_text_table,
+    table_of_text,
     unit_in,
 )
 
 # ------------------------------------------------------------------------------
 # Arrays from binary files of other programs, read where a damaged file does no harm.
 #
-# MATLAB, UFF and IDE files are read by libraries in a process of its own with limits of memory and
+# Files of others are read by libraries in a process of its own with limits of memory and
 # time: it takes a tenth of a second longer than to import them here. Files of numpy are read here,
 # after their sizes were compared with what they claim.
 # ------------------------------------------------------------------------------
@@ -52,12 +53,19 @@ LARGEST_DATA_FILE = 200_000_000
 """Largest size of a record file, bytes: an hour at 1 kHz takes about 70 million bytes as text."""
 
 OF_EXTRAS = {
+    "MATLAB 7.3": ("h5py", "files"),
+    "TDMS": ("nptdms", "files"),
+    "Excel": ("openpyxl", "files"),
+    "MF4": ("asammdf", "mf4"),
     "IDE": ("idelib", "ide"),
     "Nastran modes": ("pyyeti", "fem"),
     "Nastran matrices": ("pyyeti", "fem"),
     "Exodus modes": ("netCDF4", "fem"),
 }
 """Kind of file -> the package that reads it, and the extra by which it is installed."""
+
+OF_HDF5 = b"MATLAB 7.3"
+"""How MATLAB files begin that hold HDF5."""
 
 LONGEST_WAIT = 10 * MOST_SECONDS
 """Longest time of a reader by the clock, s, on a machine that has other work."""
@@ -73,17 +81,21 @@ class Foreign(NamedTuple):
 
 
 def read_foreign(path: Path, kind: str) -> tuple[Foreign, ...]:
-    """The arrays of a file of a kind of `READERS` ("MATLAB", "UFF", "IDE"), read apart.
+    """The arrays of a file of a kind of `READERS` ("MATLAB", "UFF", "IDE"), read apart, or the
+    table of one whose ending a package reads.
 
     Raises
     ------
     SceneError
         If the file cannot be read, whatever happens to the program that reads it.
     """
+    check_file(path, LARGEST_DATA_FILE)
+    if kind == "MATLAB":
+        with path.open("rb") as file:
+            kind += " 7.3" * file.read(len(OF_HDF5)).startswith(OF_HDF5)
     package, extra = OF_EXTRAS.get(kind, ("numpy", ""))
     if importlib.util.find_spec(package) is None:
         raise SceneError(f"{path} needs the package {package}: pip install 'stochvi[{extra}]'")
-    check_file(path, LARGEST_DATA_FILE)
     found = path.stat()
     return _read_apart(str(path), kind, (found.st_ino, found.st_size, found.st_mtime_ns))
 
@@ -106,14 +118,16 @@ def _read_apart(path: str, kind: str, _: tuple[int, ...]) -> tuple[Foreign, ...]
     except ValueError:
         answer = {"error": "crash"}
     reason = answer.get("error")
-    if reason == "version":
-        raise SceneError(f"{path} is of MATLAB 7.3; save it with the option -v7")
     if reason == "short":
         raise SceneError(f"{path} ends before the numbers that it claims to hold; write it again")
     if reason == "memory":
         raise _refusal(path, kind, f"holds more than {MOST_NUMBERS:.0e} numbers, or claims to")
     if reason == "crash" and ended.returncode == -getattr(signal, "SIGXCPU", math.inf):
         raise _refusal(path, kind, f"takes more than {MOST_SECONDS} s to be read")
+    if reason is not None and kind not in READERS:
+        whose = outside.origin_of(outside.READERS[kind])
+        why = answer.get("text", "its process ended")
+        raise SceneError(f"{path} was not read by {whose}, which reads .{kind} files: {why}")
     if reason is not None:
         raise SceneError(f"{path} is not a {kind} file that can be read; write it again")
     return tuple(_arrays(answer["arrays"], body))
@@ -184,18 +198,16 @@ def _array(file: Any, size: int) -> NDArray[Any]:
 
 
 # ------------------------------------------------------------------------------
-# Columns of numbers from the files that instruments and analysers write: text, UFF, MATLAB, NumPy,
-# IDE.
+# Columns of numbers from the files that instruments and analysers write: text, spreadsheets, UFF,
+# MATLAB, NumPy, and channels of loggers.
 # ------------------------------------------------------------------------------
 
 
 UFF_SUFFIXES = (".uff", ".unv", ".ufb", ".uf")
 ARRAY_SUFFIXES = (".mat", ".npy", ".npz")
-IDE_SUFFIXES = (".ide",)
+CHANNEL_SUFFIXES = {".ide": "IDE", ".tdms": "TDMS", ".mf4": "MF4", ".wav": "WAV"}
+EXCEL_SUFFIXES = (".xlsx", ".xlsm")
 TEXT_SUFFIXES = ("", ".csv", ".txt", ".tsv", ".asc", ".dat", ".lvm")
-
-Reader = Callable[[Path], Mapping[str, ArrayLike]]
-"""Reads a file: its columns by their headings, which state units as those of a text file do."""
 
 LISTED = 20
 """Largest number of arrays, datasets or channels of a file that a sentence lists."""
@@ -241,6 +253,7 @@ def read_columns(
     column: int | str | None = None,
     variables: Sequence[str] | None = None,
     dataset: int | None = None,
+    full_scale: float | None = None,
     function_type: int = SPECTRAL_DENSITY,
 ) -> Columns:
     """Two columns (or one) of a frame, or of a file, whose kind the ending of its name says.
@@ -252,12 +265,14 @@ def read_columns(
     names
         Names of the two columns that are needed, or of one column if no more is needed.
     column
-        For a text file or a logger's recording (.ide): name of the column or channel of values, or
-        its number from 1.
+        For a table or a logger's recording: name of the column or channel of values, or its number
+        from 1.
     variables
         For a MATLAB or NumPy file: names of the two vectors, or of one matrix of two columns.
     dataset
         For a UFF file: number of the dataset, from 1.
+    full_scale
+        For a sound file (.wav): its largest value, in the unit of the values.
     function_type
         Function type of the dataset 58 that is read if `dataset` is not given.
 
@@ -273,6 +288,11 @@ def read_columns(
         )
     if dataset is not None and suffix not in UFF_SUFFIXES:
         raise SceneError([("dataset", f"is for UFF files (.uff, .unv), got {path.name}")])
+    if (full_scale is None) == (suffix == ".wav"):
+        needed = (
+            "must say which value" if full_scale is None else "is for sound files (.wav), whose"
+        )
+        raise SceneError([("full_scale", f"{needed} full scale stands for, got {path.name}")])
     if column is not None and suffix in (*UFF_SUFFIXES, *ARRAY_SUFFIXES):
         other = "variables" if suffix in ARRAY_SUFFIXES else "dataset"
         raise SceneError([("column", f"is for text files, got {path.name}; give {other}")])
@@ -282,41 +302,38 @@ def read_columns(
         return _read_uff(path, names, dataset, function_type)
     if suffix in ARRAY_SUFFIXES:
         return _read_arrays(path, names, variables)
-    if suffix in IDE_SUFFIXES:
-        return _read_ide(path, names, column)
     with in_command():  # millions of lines that are not plain numbers take a minute
-        if suffix not in TEXT_SUFFIXES and suffix[1:] in OF_PACKAGES:
-            table = _table_of_package(path, suffix[1:], names)
-        else:
-            largest = LARGEST_DATA_FILE if function_type == TIME_RESPONSE else None
-            table = read_text_table(path, names, largest)
-        return _columns_of(table, names, column, function_type)
+        if suffix in CHANNEL_SUFFIXES:
+            found = _read_channels(path, CHANNEL_SUFFIXES[suffix], names, column, function_type)
+            return found if full_scale is None else replace(found, y=full_scale * found.y)
+        largest = LARGEST_DATA_FILE if function_type == TIME_RESPONSE else None
+        return _columns_of(table_of(path, names, largest), names, column, function_type)
 
 
-def _reader_called(name: str, given: Any) -> Reader:
-    """The reader of another package."""
-    if not callable(given):
-        raise TypeError(f"must be a function of a path, got {given!r}")
-    reader: Reader = given
-    return reader
+def table_of(source: Path | Frame, names: Sequence[str], largest: int | None = None) -> TextTable:
+    """The table of a frame, or of a file of text, of a spreadsheet or of an ending that a package
+    reads, that has at least the columns `names`; errors as for `read_text_table`."""
+    if isinstance(source, Frame):
+        return source.table(names)
+    suffix = source.suffix.lower()
+    if suffix in EXCEL_SUFFIXES:
+        sheets = read_foreign(source, "Excel")
+        if len(sheets) != 1:
+            held = f"the sheets {_listed([each.name for each in sheets])}" if sheets else "nothing"
+            raise SceneError(f"{source} holds {held}; write a file with the one sheet alone")
+        return table_of_text(source, sheets[0].facts["text"], names)
+    if suffix in TEXT_SUFFIXES or suffix[1:] not in outside.READERS:
+        return read_text_table(source, names, largest)
+    (found,) = read_foreign(source, suffix[1:])
+    return _file_of(source, Frame(found.y, found.facts["headings"], found.facts["indexed"]), names)
 
 
-OF_PACKAGES: Parts[Reader] = Parts("readers", {}, _reader_called)
-"""Readers of other packages by the ending of a name; formats that are read here keep theirs."""
-
-
-def _table_of_package(path: Path, ending: str, names: Sequence[str]) -> TextTable:
-    check_file(path, LARGEST_DATA_FILE)
-    try:
-        return replace(Frame.of(OF_PACKAGES[ending](path)).table(names), path=path)
-    except SceneError as error:
-        told = str(error)
-        raise SceneError(told if str(path) in told else f"{path} {told}") from None
-    except Exception as error:
-        raise SceneError(
-            f"{path} was not read by {origin_of(OF_PACKAGES[ending])}, which reads .{ending} "
-            f"files: {type(error).__name__}: {error}"
-        ) from None
+def _file_of(path: Path, frame: Frame, names: Sequence[str]) -> TextTable:
+    """The table of a frame that stands in a file."""
+    if frame.columns.shape[1] < len(names):
+        remedy = "; give fs, the sampling rate in Hz" * (names[0] == "time")
+        raise SceneError(f"{path} must hold {' and '.join(names)}, got one column{remedy}")
+    return replace(frame.table(names), path=path)
 
 
 def _columns_of(
@@ -539,11 +556,23 @@ def _listed(entries: Sequence[str]) -> str:
 # Loggers ----------------------------------------------------------------------------------
 
 
-def _read_ide(path: Path, names: Sequence[str], column: int | str | None) -> Columns:
-    """A channel of acceleration of a recording of Mide's loggers, by the package idelib."""
-    channels = read_foreign(path, "IDE")
+def _read_channels(
+    path: Path, kind: str, names: Sequence[str], column: int | str | None, function_type: int
+) -> Columns:
+    """A channel of a file of several, with its own times. Channels without any are the columns of a
+    table, in which one of them may hold the times or frequencies."""
+    channels = read_foreign(path, kind)
     if not channels:
-        raise SceneError(f"{path} holds no channel of acceleration")
+        raise SceneError(
+            f"{path} holds no channel of {'acceleration' * (kind == 'IDE') or 'numbers'}"
+        )
+    if {(each.x is None, len(each.y)) for each in channels} == {(True, len(channels[0].y))}:
+        headings = [
+            f"{each.name} ({each.facts['unit']})" * bool(each.facts["unit"]) or each.name
+            for each in channels
+        ]
+        frame = Frame(np.column_stack([each.y for each in channels]), headings)
+        return _columns_of(_file_of(path, frame, names), names, column, function_type, False)
     listed = _listed(
         [f"{n} {each.name} of {each.facts['of']}" for n, each in enumerate(channels, start=1)]
     )
@@ -555,6 +584,9 @@ def _read_ide(path: Path, names: Sequence[str], column: int | str | None) -> Col
             [("column", f"must be one channel of {path}, by number or name: {listed}")]
         )
     (channel,) = chosen
+    if function_type != TIME_RESPONSE or (channel.x is None and len(names) > 1):
+        held = "over time" if function_type != TIME_RESPONSE else "without times; give fs for it"
+        raise SceneError(f"{path} holds channel {channel.name} {held}, expected {names[0]}")
     Heading(cells=(f"({channel.facts['unit']})",)).check_scaled()
     return Columns(
         x=channel.x, y=channel.y, unit=_label(channel.facts["unit"]),

@@ -387,6 +387,7 @@ def read_record(
     column: int | str | None = None,
     variables: Sequence[str] | None = None,
     dataset: int | None = None,
+    full_scale: float | None = None,
     gaps: Literal["refuse", "split"] = "refuse",
     fewest: int = FEWEST_SAMPLES,
 ) -> tuple[Record, Columns]:
@@ -404,11 +405,13 @@ def read_record(
     fs
         Sampling rate, 1/s; if the file has times, it must agree with them.
     column
-        For a text file with several columns of values: name or number of the one that is read.
+        For a file with several columns or channels: name or number of the one that is read.
     variables
         Names of the vectors of a MATLAB file.
     dataset
         Number of the dataset of a UFF file, from 1.
+    full_scale
+        Largest value that a sound file (.wav) can hold.
     gaps
         "refuse" them, or "split" the record there into segments.
     fewest
@@ -447,19 +450,19 @@ def read_record(
             identity = found.st_ino, found.st_size, found.st_mtime_ns
     names = None if variables is None else tuple(variables)
     with in_command():
-        return _read_once(path, identity, fs, column, names, dataset, gaps, fewest)
+        return _read_once(path, identity, fs, column, names, dataset, full_scale, gaps, fewest)
 
 
 @lru_cache(maxsize=2, typed=True)
 def _read_once(
     path: Path | Frame, _: tuple[int, ...], fs: float | None, column: int | str | None,
-    variables: tuple[str, ...] | None, dataset: int | None, gaps: Literal["refuse", "split"],
-    fewest: int,
+    variables: tuple[str, ...] | None, dataset: int | None, full_scale: float | None,
+    gaps: Literal["refuse", "split"], fewest: int,
 ) -> tuple[Record, Columns]:  # fmt: skip
     """The record of a file. The same file again, as a scene asks for it, costs nothing."""
     names = ("acceleration",) if fs is not None else ("time", "acceleration")
     columns = read_columns(
-        path, names, column=column, variables=variables, dataset=dataset,
+        path, names, column=column, variables=variables, dataset=dataset, full_scale=full_scale,
         function_type=TIME_RESPONSE,
     )  # fmt: skip
     times, values = columns.x, columns.y

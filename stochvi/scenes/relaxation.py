@@ -12,7 +12,8 @@ import scipy
 from stochvi.mathematics.numerics import Vector, Waves
 from stochvi.mathematics.units import unit
 from stochvi.results.errors import SceneError
-from stochvi.scenes.frames import source_of, table_of
+from stochvi.scenes.frames import source_of
+from stochvi.scenes.readers import table_of
 from stochvi.scenes.text_tables import all_columns
 from stochvi.scenes.validation import sentences_of
 

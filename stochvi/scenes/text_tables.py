@@ -949,7 +949,7 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
         path.stat().st_size > LARGE_TEXT and (plain := _read_at_once(path, names)) is not None
     ):  # fmt: skip
         return plain
-    return _table_of(path, decoded(path, largest), names)
+    return table_of_text(path, decoded(path, largest), names)
 
 
 class PlainRows(Sequence[tuple[int, str]]):
@@ -988,7 +988,7 @@ def _read_at_once(path: Path, names: Sequence[str]) -> TextTable | None:
     parts = content[:begin] + content[middle : middle + content[middle:].find(b"\n", PART) + 1]
     try:
         text = (parts + content[end:]).decode("utf-8-sig")
-        part = _table_of(path, text, names)
+        part = table_of_text(path, text, names)
     except (UnicodeDecodeError, SceneError):
         return None
     row = part.lines[0][0]
@@ -1029,7 +1029,7 @@ def _pieces(body: bytes) -> Iterator[bytes]:
         start = end
 
 
-def _table_of(path: Path, written: str, names: Sequence[str]) -> TextTable:
+def table_of_text(path: Path, written: str, names: Sequence[str]) -> TextTable:
     """The rows and headings of a text, as `read_text_table` finds them in a file."""
     needed, wanted = len(names), f"{_counted(len(names))} ({', '.join(names)})"
     text = _plainly_written(written.replace("\r\n", "\n").replace("\r", "\n"))

@@ -214,6 +214,7 @@ def test_the_answer_says_whose_part_it_is() -> None:
     assert len(whose) == 1 and not any("a part of" in each for each in scene.assumptions())
 
 
+@pytest.mark.usefixtures("read_here")
 def test_profiles_and_readers_of_other_packages(named, tmp_path) -> None:
     named("profiles", wrong=3)
     for name in ("broken", "wrong"):
@@ -224,13 +225,14 @@ def test_profiles_and_readers_of_other_packages(named, tmp_path) -> None:
     file.write_bytes(b"\1\2")
     times = np.arange(400) / 100.0
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("stochvi.scenes.readers.OF_PACKAGES", Parts("readers", {
+        patch.setattr("stochvi.scenes.outside.READERS", Parts("readers", {
             "own": lambda path: {"time (ms)": 1e3 * times, "Z (g)": np.cos(times)},
         }, lambda name, part: part))  # fmt: skip
         record, columns = read_record(file)
     assert (round(record.fs), columns.unit.name) == (100, "g")
 
 
+@pytest.mark.usefixtures("read_here")
 def test_a_reader_that_fails_is_named(named, tmp_path) -> None:
     def bad(path: Path) -> None:
         raise KeyError("head")
@@ -239,7 +241,7 @@ def test_a_reader_that_fails_is_named(named, tmp_path) -> None:
     file.write_bytes(b"\1\2")
     with pytest.MonkeyPatch.context() as patch:
         parts = Parts("readers", {"bad": bad}, lambda name, part: part)
-        patch.setattr("stochvi.scenes.readers.OF_PACKAGES", parts)
+        patch.setattr("stochvi.scenes.outside.READERS", parts)
         with pytest.raises(
             SceneError, match=r"was not read by .*which reads \.bad files: KeyError"
         ):

@@ -62,9 +62,9 @@ class RecordedNoise(DensityNoise):
     Parameters
     ----------
     file
-        Text with a time (s, or ISO 8601 stamps) and a value in each line, or with a value alone
-        and `fs` given; a UFF file with a dataset 58 (`dataset` says which), a MATLAB or NumPy file
-        (`variables`), or a logger's recording (.ide, `column`, with the package idelib).
+        Text or a spreadsheet with a time (s, or ISO 8601 stamps) and a value in each row, or with a
+        value alone and `fs` given; a UFF file with a dataset 58 (`dataset` says which), a MATLAB or
+        NumPy file (`variables`), or channels (`column`) of .tdms, .mf4, .ide or .wav files.
     values
         Instead of a file, in Python: an array, a dictionary of columns, or a Series or frame with
         times as its index. Units of names and attributes are read.
@@ -81,6 +81,8 @@ class RecordedNoise(DensityNoise):
         Names of the vectors of a MATLAB or NumPy file, if several fit.
     dataset
         Number of the dataset of a UFF file, from 1, if several fit.
+    full_scale
+        Largest value that a sound file (.wav) can hold, in the unit of the values.
     band_hz
         Lowest and highest frequency that are kept, Hz, of the record and of its density; a line
         within 1e-9 of its frequency from an end counts as on it.
@@ -117,6 +119,7 @@ class RecordedNoise(DensityNoise):
     gaps: Literal["refuse", "split"] = "refuse"
     variables: Names | None = None
     dataset: Count | None = None
+    full_scale: Positive | None = None
     band_hz: Band | None = None
     resolution_hz: Positive | None = None
     _unit: Unit = PrivateAttr()
@@ -134,7 +137,8 @@ class RecordedNoise(DensityNoise):
         with sentences_of("file" if self.values is None else "values"):
             record, columns = read_record(
                 self.values or Path(str(self.file)), fs=self.fs, column=self.column,
-                variables=self.variables, dataset=self.dataset, gaps=self.gaps,
+                variables=self.variables, dataset=self.dataset, full_scale=self.full_scale,
+                gaps=self.gaps,
             )  # fmt: skip
         self._unit = agreed_unit(self.unit, columns, VALUES)
         self._doubts = unread_unit(columns, self._unit)

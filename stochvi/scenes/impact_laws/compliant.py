@@ -34,8 +34,8 @@ from stochvi.mathematics.kelvin_voigt import (
 )
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.results.errors import SceneError
-from stochvi.scenes.frames import Values, source_of, table_of
-from stochvi.scenes.readers import si_columns
+from stochvi.scenes.frames import Values, source_of
+from stochvi.scenes.readers import si_columns, table_of
 from stochvi.scenes.text_tables import all_columns
 from stochvi.scenes.validation import (
     Checked,

@@ -19,8 +19,8 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.rods import Shape, bar_compliance, bar_modes, beam_compliance, beam_modes
 from stochvi.results.errors import SceneError
-from stochvi.scenes.frames import Frame, Values, source_of, table_of
-from stochvi.scenes.readers import UFF_SUFFIXES, Foreign, read_foreign
+from stochvi.scenes.frames import Frame, Values, source_of
+from stochvi.scenes.readers import UFF_SUFFIXES, Foreign, read_foreign, table_of
 from stochvi.scenes.structures.oscillators import AnyStructure
 from stochvi.scenes.validation import (
     Column,
