@@ -3,7 +3,9 @@ ship."""
 
 from __future__ import annotations
 
+import shlex
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -363,9 +365,20 @@ def explore(scene: str | None, no_browser: bool, seed: int) -> None:
     from stochvi.scenes.datasets import shipped_scene
     from stochvi.scenes.scene import load_scene
 
-    explorer = Explorer(load_scene(scene or shipped_scene("isolator-truck")), seed)
+    explorer = Explorer(load_scene(scene or shipped_scene("isolator-truck")), seed, line_of)
 
     def tell(address: str) -> None:
         click.echo(f"Open {address}\nIt ends with its last tab, or with Ctrl-C.")
 
     serve(explorer, tell, browser=not no_browser)
+
+
+def line_of(name: str, file: str, asked: Mapping[str, Any]) -> str:
+    """The command line of a command, by the options that it declares.
+
+    >>> line_of("size", "truck.toml", {"probability": 0.01, "mission": 3600.0})
+    'stochvi size truck.toml --probability 0.01 --mission 3600.0'
+    """
+    options = {str(each.name): each.opts[0] for each in main.commands[name].params}
+    words = [word for key, value in asked.items() for word in (options[key], str(value))]
+    return shlex.join(["stochvi", name, file, *words])

@@ -1,35 +1,70 @@
-"""One turn of the knobs, answered in three stages: closed forms, a simulation with few paths, and
-a refinement. What is looked for first comes first: the linear motion, impacts, the risk.
+"""What the page asks, and how it is answered.
 
-Every message says by what method its numbers are known, and how well.
+A turn of the knobs is answered in three stages: closed forms, a simulation with few paths, and a
+refinement. What is looked for first comes first: the linear motion, impacts, the risk. Every number
+says by what method it is known, and how well.
+
+The page sends objects with a `type`, and a kernel or a server answers each by objects with a
+`type`, in an order. All but the first have the `id` of the message that they answer, a whole
+number, and `tab`, a short text, stands for the page that asks. Lengths and all else are in SI
+units. A setting is `values` (numbers by the keys of knobs) and, where they are chosen, `preset`,
+`profile`, `law` (names that the answer to open lists) and `psd`, the text of a table.
+
+- open: a setting. Answer: knobs, with `title`, `kind` (pair, box, absorber or sine), `knobs`
+  (`key`, `words`, `unit`, `value`, `low`, `high`, `logarithmic`, `group`), `tolerances`, knobs
+  too, `profile`, `profiles`, `takes_table`, `law`, `laws`, `preset`, `presets`, and `offers`, what
+  can be taken away.
+- turn: a setting. Answers: answer with its `stage` (closed, simulated, refined) and `part`, and
+  either what the part has or `missing`, a sentence; then done. A turn ends that before it.
+- confirm: a setting. Answers: progress (`done`, 0 to 1, and `words`), then answer of the part
+  confirmed, with the `clearance` and `numbers`, then done. Turns go on meanwhile.
+- cancel: ends what the tab confirms. Answer: done.
+- take: a setting, and `what`, one of the `offers`. Answer: file, with `name`, `media` and `text`.
+
+What cannot be is answered by refused, with a `sentence`.
 """
 
 from __future__ import annotations
 
 import contextlib
 import math
+import queue
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
 import numpy as np
 
+from stochvi.absorbers.performance import absorber
 from stochvi.explorer.knobs import (
-    MISSION,
-    PROBABILITY,
-    TARGETS,
-    checked,
+    PRESETS,
+    SIZED,
+    Design,
+    Setting,
+    chosen,
+    design_of,
+    kind_of,
     knobs_of,
+    laws_of,
     profile_of,
-    turned,
+    questions_of,
+    takes_table,
 )
-from stochvi.isolators.screening import at_clearances, screen
+from stochvi.explorer.takeaways import (
+    CommandLine,
+    offers_of,
+    question_of,
+    taken,
+)
+from stochvi.isolators.screening import at_clearances, environment, screen
 from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.size import risk_curve
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import record_path, simulate
+from stochvi.methods.periodic import harmonic_response
+from stochvi.results.base import Response
 from stochvi.results.errors import StochviError
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import profiles
@@ -42,8 +77,11 @@ FEW_PATHS, PATHS = 64, 512
 BUDGET = 20.0
 """Largest time of a part of a turn, s."""
 
+CONFIRMED, CONFIRM_SECONDS = 0.01, 120.0
+"""Relative error of a rate that is confirmed, and the largest time that it may take, s."""
+
 PATIENCE = 0.05
-"""Time after which a turn that waits for another one looks whether it is still wanted, s."""
+"""Time after which what waits looks whether it is still wanted, s."""
 
 NEAR, FAR, PLACES = 0.8, 7.0, 60
 """Clearances of Rice's curve: their ends in standard deviations, and their number."""
@@ -55,6 +93,12 @@ LINEAR = "linear motion without stops"
 
 PERIODS, SAMPLES = 40, 40
 """Periods of the motion that moves on the page, and samples in each."""
+
+MOST_TABS, LONGEST_TAB = 64, 40
+"""Largest number of turns and confirmations that are remembered, and letters of a tab."""
+
+MOST_MESSAGES = 2**31
+"""Largest number that a message may have."""
 
 Message = dict[str, Any]
 
@@ -71,135 +115,9 @@ class Refused(Exception):
         self.id = id
 
 
-@dataclass(eq=False)
-class Turn:
-    """A scene whose knobs are turned, and the question. `stale` is set by a later turn."""
-
-    scene: Scene
-    mission: float
-    probability: float
-    seed: int
-    id: int
-    stale: threading.Event = field(default_factory=threading.Event)
-
-    def stages(self) -> Iterator[Message]:
-        """The messages of the three stages, each part computed when it is asked for."""
-        for stage, part in (
-            ("closed", self.linear), ("simulated", self.rate), ("simulated", self.risk),
-            ("closed", self.closure), ("simulated", self.motion), ("refined", self.finer_rate),
-            *(("refined", self.dot(share)) for share in DOTS),
-        ):  # fmt: skip
-            if self.stale.is_set():
-                return
-            try:
-                found = part()
-            except Stale:
-                return
-            except (StochviError, ValueError) as reason:
-                found = {"part": part.__name__, "missing": str(reason)}
-            yield {"type": "answer", "id": self.id, "stage": stage, **found}
-        yield {"type": "done", "id": self.id}
-
-    def _look(self, *_: Any) -> None:
-        """As the progress of a calculation it ends one for which nobody waits."""
-        if self.stale.is_set():
-            raise Stale
-
-    def linear(self) -> Message:
-        """The linear motion, and Rice's rate of crossings over clearance."""
-        linear = screen(self.scene)
-        gap = linear.impact_pairs[self.pair]
-        sigma = gap.displacement_std
-        places = np.linspace(NEAR * sigma, FAR * sigma, PLACES)
-        rates = [gap.rate_at(float(each)) for each in places]
-        return {
-            "part": "linear",
-            "numbers": [
-                stated("rms displacement", sigma, "m", LINEAR),
-                stated("usual rule: three sigma", gap.three_sigma, "m", LINEAR),
-                stated("usual rule: impact rate by Rice", gap.rice_rate, "1/s", LINEAR),
-            ],
-            "three_sigma": gap.three_sigma,
-            "clearances": places.tolist(),
-            "rice": rates,
-            "rice_probability": [-math.expm1(-each * self.mission) for each in rates],
-        }  # fmt: skip
-
-    def closure(self) -> Message:
-        """The impact rate by the moment closure, with its bound."""
-        found = linearise(self.scene, budget=BUDGET).impact_pairs[self.pair].collision_rate
-        return {"part": "closure", "numbers": [of("impact rate by the closure", found, "1/s")]}
-
-    def rate(self) -> Message:
-        """Impacts on the stops, simulated with few paths."""
-        return {"part": "rate", **self._simulated(FEW_PATHS)}
-
-    def finer_rate(self) -> Message:
-        """The same with more paths."""
-        return {"part": "rate", **self._simulated(PATHS)}
-
-    def _simulated(self, paths: int) -> Message:
-        found = simulate(
-            self.scene, paths=paths, seed=self.seed, budget=BUDGET, progress=self._look
-        )
-        pair = found.impact_pairs[self.pair]
-        numbers = [
-            of("simulated impact rate", pair.collision_rate, "1/s"),
-            of("mean impact speed", pair.impact_speed_mean, "m/s"),
-        ]
-        return {"numbers": [each for each in numbers if each], "paths": paths}
-
-    def risk(self) -> Message:
-        """The probability of any impact over clearance, and the clearance that keeps the target."""
-        found = risk_curve(
-            self.scene, probability=self.probability, mission=self.mission, seed=self.seed,
-            budget=BUDGET, progress=self._look,
-        )  # fmt: skip
-        assert isinstance(found, Sizing), "a scene with phases is refused by the explorer"
-        clearance = found.clearance
-        curve = found.curve[["clearance", "probability", "probability_low", "probability_high"]]
-        required = {
-            "name": "required clearance", "unit": "m", "value": clearance.value,
-            "low": clearance.lower, "high": clearance.upper, "method": found.method,
-        }  # fmt: skip
-        lines = [*of_your_stops(found), of_three_sigma(found), *of_less_risk(found)]
-        return {"part": "risk", "numbers": [required], "sentence": found.verdict(), "lines": lines,
-                "curve": {name: finite(column) for name, column in curve.items()}}  # fmt: skip
-
-    def motion(self) -> Message:
-        """A piece of one simulated path, for the moving picture."""
-        frequency = screen(self.scene).impact_pairs[self.pair]
-        omega = frequency.velocity_std / frequency.displacement_std
-        period = 2.0 * math.pi / omega
-        path = record_path(
-            self.scene, duration=PERIODS * period, step=period / SAMPLES, seed=self.seed,
-            budget=BUDGET,
-        )  # fmt: skip
-        names = ("time", "displacement", "impact_speed")
-        return {"part": "motion", "path": {name: finite(path[name]) for name in names}}
-
-    def dot(self, share: float) -> Any:
-        """What gives the impact rate by the closure and by simulation at a clearance."""
-
-        def part() -> Message:
-            clearance = share * screen(self.scene).impact_pairs[self.pair].displacement_std
-            there = at_clearances(self.scene, clearance)
-            found: Message = {"part": "dot", "clearance": clearance}
-            with contextlib.suppress(StochviError):
-                closure = linearise(there, budget=BUDGET).impact_pairs[self.pair].collision_rate
-                found["closure"] = of("closure", closure, "1/s")
-            simulated = simulate(
-                there, paths=FEW_PATHS, seed=self.seed, budget=BUDGET, progress=self._look
-            )
-            rate = simulated.impact_pairs[self.pair].collision_rate
-            return found | {"simulated": of("simulated", rate, "1/s")}
-
-        return part
-
-    @property
-    def pair(self) -> str:
-        """The name of its pair."""
-        return self.scene.expanded.impact_pairs[0].name
+# ------------------------------------------------------------------------------
+# Numbers for the page.
+# ------------------------------------------------------------------------------
 
 
 def stated(name: str, value: float, unit: str, method: str) -> Message:
@@ -219,87 +137,387 @@ def of(name: str, estimate: Estimate | None, unit: str) -> Message | None:
             "low": low, "high": high}  # fmt: skip
 
 
-def finite(column: Any) -> list[float | None]:
-    """Numbers as JSON holds them."""
-    return [float(each) if math.isfinite(each) else None for each in column]
+def finite(column: Any) -> list[Any]:
+    """Numbers as JSON holds them; texts as they are."""
+    return [
+        each if isinstance(each, str) else float(each) if math.isfinite(each) else None
+        for each in column
+    ]
+
+
+def columns(frame: Any, names: Any = None) -> dict[str, list[Any]]:
+    """Columns of a table, by default all of them."""
+    return {str(name): finite(frame[name]) for name in (names or list(frame))}
+
+
+# ------------------------------------------------------------------------------
+# A turn: its parts, and their stages, by the kind of the scene.
+# ------------------------------------------------------------------------------
+
+
+@dataclass(eq=False)
+class Turn:
+    """A design, and the parts of the answer to it. `stale` is set by a later turn."""
+
+    design: Design
+    seed: int
+    id: int
+    stale: threading.Event = field(default_factory=threading.Event)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the design."""
+        return self.design.scene
+
+    def parts(self) -> Iterator[tuple[str, Callable[[], Message]]]:
+        """The parts of the answer by their stages, in the order in which they are computed."""
+        kind = kind_of(self.scene)
+        if kind == "sine":
+            yield "simulated", self.branches
+        elif kind == "absorber":
+            yield "simulated", self.absorbed
+        else:
+            yield "closed", self.linear
+            yield from self._boxed() if kind == "box" else self._paired()
+
+    def _paired(self) -> Iterator[tuple[str, Callable[[], Message]]]:
+        yield from (
+            ("simulated", self.rate), ("simulated", self.risk), ("simulated", self.motion),
+            ("closed", self.closure), ("closed", self.spectra), ("refined", self.finer_rate),
+        )  # fmt: skip
+        for share in DOTS:
+            yield "refined", self.dot(share)
+
+    def _boxed(self) -> Iterator[tuple[str, Callable[[], Message]]]:
+        yield from (("simulated", self.rate), ("simulated", self.risk))
+
+    def stages(self) -> Iterator[Message]:
+        """The messages of the answer, each part computed when it is asked for."""
+        for stage, part in self.parts():
+            if self.stale.is_set():
+                return
+            try:
+                found = part()
+            except Stale:
+                return
+            except (StochviError, ValueError) as reason:
+                found = {"part": part.__name__, "missing": str(reason)}
+            yield {"type": "answer", "id": self.id, "stage": stage, **found}
+        yield {"type": "done", "id": self.id}
+
+    def look(self, *_: Any) -> None:
+        """As the progress of a calculation it ends one for which nobody waits."""
+        if self.stale.is_set():
+            raise Stale
+
+    def linear(self) -> Message:
+        """The linear motion of each gap, and Rice's rate of crossings over clearance."""
+        linear = screen(self.scene)
+        numbers = []
+        for name, gap in linear.impact_pairs.items():
+            words = f" of {name}" if len(linear.impact_pairs) > 1 else ""
+            numbers += [
+                stated(f"rms displacement{words}", gap.displacement_std, "m", LINEAR),
+                stated(f"usual rule: three sigma{words}", gap.three_sigma, "m", LINEAR),
+                stated(f"usual rule: impact rate by Rice{words}", gap.rice_rate, "1/s", LINEAR),
+            ]
+        gap = linear.impact_pairs[self.pair]
+        sigma = gap.displacement_std
+        places = np.linspace(NEAR * sigma, FAR * sigma, PLACES)
+        rates = [gap.rate_at(float(each)) for each in places]
+        return {
+            "part": "linear",
+            "numbers": numbers,
+            "three_sigma": gap.three_sigma,
+            "clearances": places.tolist(),
+            "rice": rates,
+            "rice_probability": [-math.expm1(-each * self.design.mission) for each in rates],
+        }  # fmt: skip
+
+    def closure(self) -> Message:
+        """The impact rate by the moment closure, with its bound."""
+        found = linearise(self.scene, budget=BUDGET).impact_pairs[self.pair].collision_rate
+        return {"part": "closure", "numbers": [of("impact rate by the closure", found, "1/s")]}
+
+    def spectra(self) -> Message:
+        """What shakes the base over frequency, and what the mount passes on without stops."""
+        found = environment(self.scene).spectra
+        if found is None:
+            raise ValueError("spectra are shown where noise moves the base of one mass alone")
+        names = ("frequency_hz", "base_density", "transmissibility")
+        return {"part": "spectra", "method": LINEAR, **columns(found[::2], names)}
+
+    def rate(self) -> Message:
+        """Impacts on the stops, simulated with few paths."""
+        return {"part": "rate", **self._simulated(FEW_PATHS)}
+
+    def finer_rate(self) -> Message:
+        """The same with more paths."""
+        return {"part": "rate", **self._simulated(PATHS)}
+
+    def _simulated(self, paths: int) -> Message:
+        found = simulate(self.scene, paths=paths, seed=self.seed, budget=BUDGET, progress=self.look)
+        return {"numbers": impacts_of(found), "paths": paths}
+
+    def risk(self) -> Message:
+        """The probability of any impact over clearance, and the clearance that keeps the target."""
+        design = self.design
+        found = risk_curve(
+            self.scene, probability=design.probability, mission=design.mission,
+            tolerances=design.tolerances, seed=self.seed, budget=BUDGET, progress=self.look,
+        )  # fmt: skip
+        numbers = []
+        for name, each in found.clearances.items():
+            words = f" of {name}" if found.several else ""
+            numbers.append(
+                {"name": f"required clearance{words}", "unit": "m", "value": each.value,
+                 "low": each.lower, "high": each.upper, "method": found.method}
+            )  # fmt: skip
+        if found.varies:
+            numbers += [
+                stated(f"within tolerances{f' of {name}' if found.several else ''}", value, "m",
+                       "the same risk within all tolerances")
+                for name, value in found.needed.items()
+            ]  # fmt: skip
+        lines = [*of_your_stops(found), of_three_sigma(found), *of_less_risk(found)]
+        answer: Message = {
+            "part": "risk",
+            "numbers": numbers,
+            "sentence": found.verdict(),
+            "lines": lines,
+        }
+        answer["shared" if found.several else "curve"] = columns(found.curve)
+        return answer if found.box is None else answer | {"box": self._box(found)}
+
+    def _box(self, found: Sizing) -> Message:
+        """Where mounts and snubbers of a box sit (m from its centre of mass), and the probability
+        that each snubber is hit as it is in the scene."""
+        assert found.box is not None
+        chances = dict(
+            zip(found.box.pairs["pair"], found.box.pairs["chance_as_given"], strict=True)
+        )
+        document = self.scene.document()
+        return {
+            "mounts": [each["at"] for each in document["structure"]["mount"]],
+            "corners": [
+                {"name": pair["name"], "at": pair.get("at"), "direction": pair.get("direction"),
+                 "probability": float(chances[pair["name"]])}
+                for pair in document["impact_pair"]
+            ],
+        }  # fmt: skip
+
+    def motion(self) -> Message:
+        """A piece of one simulated path, for the moving picture."""
+        gap = screen(self.scene).impact_pairs[self.pair]
+        omega = gap.velocity_std / gap.displacement_std
+        period = 2.0 * math.pi / omega
+        path = record_path(
+            self.scene, duration=PERIODS * period, step=period / SAMPLES, seed=self.seed,
+            budget=BUDGET,
+        )  # fmt: skip
+        names = ("time", "displacement", "impact_speed")
+        if not {*names} <= {*path}:
+            raise ValueError("the motion is drawn of one mass alone")
+        return {"part": "motion", "path": columns(path, names)}
+
+    def dot(self, share: float) -> Callable[[], Message]:
+        """What gives the impact rate by the closure and by simulation at a clearance."""
+
+        def dot() -> Message:
+            clearance = share * screen(self.scene).impact_pairs[self.pair].displacement_std
+            there = at_clearances(self.scene, clearance)
+            found: Message = {"part": "dot", "clearance": clearance}
+            with contextlib.suppress(StochviError):
+                closure = linearise(there, budget=BUDGET).impact_pairs[self.pair].collision_rate
+                found["closure"] = of("closure", closure, "1/s")
+            simulated = simulate(
+                there, paths=FEW_PATHS, seed=self.seed, budget=BUDGET, progress=self.look
+            )
+            rate = simulated.impact_pairs[self.pair].collision_rate
+            return found | {"simulated": of("simulated", rate, "1/s")}
+
+        return dot
+
+    def branches(self) -> Message:
+        """The periodic motions about the frequency of a sine, stable or not."""
+        asked = question_of(self.design, self.seed).arguments
+        found = harmonic_response(self.scene, budget=BUDGET, **asked).to_frame()
+        return {"part": "branches", "table": columns(found)}
+
+    def absorbed(self) -> Message:
+        """What an absorber leaves of the motion at the level of the scene, and below and above."""
+        asked = question_of(self.design, self.seed).arguments
+        found = absorber(self.scene, budget=BUDGET, progress=self.look, **asked).to_frame()
+        return {"part": "absorbed", "table": columns(found)}
+
+    def confirmed(self, progress: Callable[[float, str], None]) -> Message:
+        """The impacts at the design, simulated until they are well known."""
+        found = simulate(
+            self.scene, rel_error=CONFIRMED, seed=self.seed, budget=CONFIRM_SECONDS, threads=1,
+            progress=progress,
+        )  # fmt: skip
+        distances = screen(self.scene).impact_pairs[self.pair].stops
+        return {"part": "confirmed", "clearance": min(distances.values()),
+                "numbers": impacts_of(found)}  # fmt: skip
+
+    @property
+    def pair(self) -> str:
+        """The name of its first pair."""
+        return self.scene.expanded.impact_pairs[0].name
+
+
+def impacts_of(found: Response) -> list[Message]:
+    """Rate and mean speed of the impacts of each pair."""
+    numbers = []
+    for name, pair in found.impact_pairs.items():
+        words = f" of {name}" if len(found.impact_pairs) > 1 else ""
+        numbers += [
+            of(f"simulated impact rate{words}", pair.collision_rate, "1/s"),
+            of(f"mean impact speed{words}", pair.impact_speed_mean, "m/s"),
+        ]
+    return [each for each in numbers if each]
+
+
+# ------------------------------------------------------------------------------
+# The explorer: who asks, and what is answered.
+# ------------------------------------------------------------------------------
 
 
 class Explorer:
     """A scene, and the turns of those who explore it.
 
     Raises `ValueError` for a scene that the page does not show.
+
+    Parameters
+    ----------
+    command
+        Words of the command line that asks the question of a design, given the name of the command,
+        a file and the arguments; None where there is no command line.
     """
 
-    def __init__(self, scene: Scene, seed: int = 0) -> None:
-        if len(scene.expanded.impact_pairs) != 1 or scene.phases:
-            raise ValueError("explore shows a scene with one impact_pair and without phases")
-        self.scene, self.seed = scene, seed
-        self.latest: dict[str, Turn] = {}
+    def __init__(self, scene: Scene, seed: int = 0, command: CommandLine | None = None) -> None:
+        self._check(scene)
+        self.scene, self.seed, self.command = scene, seed, command
+        self.latest: dict[tuple[str, str], Turn] = {}
         self.work = threading.Lock()  # kernels use all cores already
+
+    def _check(self, scene: Scene) -> None:
+        if scene.phases:
+            raise ValueError("explore shows scenes without phases; leave [[phase]] out")
+        if not scene.expanded.impact_pairs:
+            raise ValueError("explore shows scenes with stops: give the scene an [[impact_pair]]")
 
     def warm_up(self) -> None:
         """Compile what a turn needs, before the first one asks for it."""
-        for _ in self._worked(Turn(self.scene, MISSION.value, PROBABILITY.value, self.seed, 0)):
+        for _ in self._worked(Turn(design_of(self.scene, Setting({})), self.seed, 0)):
             pass
 
     def answers(self, message: Any) -> Iterator[Message]:
         """The messages that answer one of the page; `ValueError` for one of no known shape."""
-        if not isinstance(message, dict) or message.get("type") not in ("open", "turn"):
-            raise ValueError("type must be open or turn")
-        if message["type"] == "open":
-            return iter([self.opening()])
-        return self._turn(message)
+        known: dict[str, Callable[..., Iterator[Message]]] = {
+            "open": self._open, "turn": self._turn, "confirm": self._confirm,
+            "cancel": self._cancel, "take": self._take,
+        }  # fmt: skip
+        asked = message.get("type") if isinstance(message, dict) else None
+        if not isinstance(asked, str) or asked not in known:
+            raise ValueError(f"type must be one of {', '.join(known)}")
+        number, tab = message.get("id", 0), message.get("tab", "")
+        if type(number) is not int or not 0 <= number < MOST_MESSAGES:
+            raise ValueError(f"id must be a whole number from 0 to {MOST_MESSAGES}")
+        if not isinstance(tab, str) or len(tab) > LONGEST_TAB:
+            raise ValueError(f"tab must be a text of at most {LONGEST_TAB} letters")
+        setting = Setting.of(message)
+        return self._told(known[asked](setting, number, tab, message.get("what")), number)
 
-    def opening(self) -> Message:
-        """The knobs, and what else the page begins with."""
-        profile = profile_of(self.scene)
-        return {
-            "type": "knobs",
-            "title": self.scene.title,
-            "knobs": [each._asdict() for each in (*knobs_of(self.scene), *TARGETS)],
-            "profile": profile,
-            "profiles": [*profiles()] if profile else [],
-        }
-
-    def _turn(self, message: Mapping[str, Any]) -> Iterator[Message]:
-        values, tab, number = message.get("values"), message.get("tab"), message.get("id")
-        if not isinstance(values, dict) or len(values) > 200 or type(number) is not int:
-            raise ValueError("a turn must have values, and a whole number for its id")
-        if not isinstance(tab, str) or len(tab) > 40:
-            raise ValueError("tab must be a short text")
-        profile = message.get("profile")
-        if profile is not None and not isinstance(profile, str):
-            raise ValueError("profile must be a text")
-        return self._stages(dict(values), profile, tab, number)
-
-    def _stages(
-        self, values: dict[str, Any], profile: str | None, tab: str, number: int
-    ) -> Iterator[Message]:
+    def _told(self, answers: Iterator[Message], number: int) -> Iterator[Message]:
+        """Answers, and a sentence in the place of what the scene does not allow."""
         try:
-            mission, probability = (
-                checked(knob, knob.key, values.pop(knob.key, knob.value)) for knob in TARGETS
-            )
-            scene = turned(self.scene, values, profile)
-            turn = Turn(scene, mission, probability, seed=self.seed, id=number)
-        except ValueError as reason:
+            yield from answers
+        except (StochviError, ValueError) as reason:
             raise Refused(str(reason), number) from reason
-        before = self.latest.get(tab)
+
+    def _open(self, setting: Setting, *_: Any) -> Iterator[Message]:
+        """The knobs, and what else the page begins with."""
+        scene = chosen(self.scene, setting)
+        laws, profile = laws_of(chosen(self.scene, Setting({}, setting.preset))), profile_of(scene)
+        known = [each._asdict() for each in (*knobs_of(scene), *questions_of(scene))]
+        allowed = [each for each in known if each["group"] == "tolerances"]
+        yield {
+            "type": "knobs", "title": scene.title, "kind": kind_of(scene),
+            "knobs": [each for each in known if each not in allowed], "tolerances": allowed,
+            "profile": profile, "takes_table": takes_table(scene),
+            "profiles": [*profiles()] if takes_table(scene) else [],
+            "law": setting.law or next(iter(laws), None), "laws": laws,
+            "preset": setting.preset, "presets": [*PRESETS],
+            "offers": offers_of(scene, self.command),
+        }  # fmt: skip
+
+    def _started(self, kind: str, setting: Setting, number: int, tab: str) -> Turn:
+        """A turn or a confirmation, which ends that before it of the same tab."""
+        turn = Turn(design_of(self.scene, setting), self.seed, number)
+        before = self.latest.get((tab, kind))
         if before is not None and before.id > number:  # requests may overtake each other
-            return
-        if before is not None:
-            self.latest.pop(tab).stale.set()
-        self.latest[tab] = turn
-        while len(self.latest) > 64:
+            turn.stale.set()
+            return turn
+        self._end(kind, tab)
+        self.latest[tab, kind] = turn
+        while len(self.latest) > MOST_TABS:
             self.latest.pop(next(iter(self.latest))).stale.set()
-        yield from self._worked(turn)
+        return turn
+
+    def _end(self, kind: str, tab: str) -> None:
+        if (before := self.latest.pop((tab, kind), None)) is not None:
+            before.stale.set()
+
+    def _turn(self, setting: Setting, number: int, tab: str, _: Any) -> Iterator[Message]:
+        yield from self._worked(self._started("turn", setting, number, tab))
+
+    def _confirm(self, setting: Setting, number: int, tab: str, _: Any) -> Iterator[Message]:
+        """What is simulated beside all turns, with its progress."""
+        turn = self._started("confirm", setting, number, tab)
+        told: queue.SimpleQueue[Message | Exception | None] = queue.SimpleQueue()
+
+        def progress(done: float, words: str) -> None:
+            turn.look()
+            told.put({"type": "progress", "id": number, "done": done, "words": words})
+
+        def work() -> None:
+            try:
+                told.put({"type": "answer", "id": number, **turn.confirmed(progress)})
+            except Stale:
+                pass
+            except Exception as reason:
+                told.put(reason)
+            told.put(None)
+
+        threading.Thread(target=work, daemon=True).start()
+        try:
+            while (found := told.get()) is not None:
+                if isinstance(found, Exception):
+                    raise found
+                yield found
+        finally:  # nobody listens any more
+            turn.stale.set()
+        yield {"type": "done", "id": number}
+
+    def _cancel(self, _: Setting, number: int, tab: str, __: Any) -> Iterator[Message]:
+        self._end("confirm", tab)
+        yield {"type": "done", "id": number}
+
+    def _take(self, setting: Setting, number: int, _: str, what: Any) -> Iterator[Message]:
+        """A file that is taken away."""
+        design = design_of(self.scene, setting)
+        with self.work:
+            name, media, text = taken(str(what), design, self.seed, self.command)
+        yield {"type": "file", "id": number, "name": name, "media": media, "text": text}
 
     def _worked(self, turn: Turn) -> Iterator[Message]:
         """The messages of a turn, one turn at work at a time.
 
-        The first needs no kernel, and waits for no other turn.
+        The linear motion needs no kernel, and waits for no other turn.
         """
         stages = turn.stages()
-        yield from islice(stages, 1)
+        yield from islice(stages, int(kind_of(turn.scene) in SIZED))
         while True:
             while not self.work.acquire(timeout=PATIENCE):
                 if turn.stale.is_set():  # else those who turn fast leave a queue behind them

@@ -6,16 +6,19 @@ import asyncio
 import json
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 from starlette.testclient import TestClient
 
 from stochvi.explorer import server
-from stochvi.explorer.knobs import knobs_of
+from stochvi.explorer.knobs import Design, knobs_of
+from stochvi.explorer.takeaways import toml_of
 from stochvi.explorer.turns import Explorer, Turn
 from stochvi.isolators.screening import screen
 from stochvi.isolators.sizing import Sizing, size
+from stochvi.isolators.tolerances import Tolerances
 from stochvi.methods.monte_carlo import simulate
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.keys import changed_scene
@@ -129,8 +132,9 @@ def test_a_body_too_large_is_refused(client: TestClient) -> None:
     "body",
     [
         b"", b"{", b"\xff", b"[" * 100_000, b"[]", b"1", b'{"type": "close"}', b'{"type": []}',
-        b'{"type": "turn"}', b'{"type": "turn", "id": 1, "values": {}, "tab": 3}',
-        b'{"type": "turn", "id": true, "values": {}, "tab": "a"}',
+        b'{"type": "turn", "values": 3}', b'{"type": "turn", "id": 1, "values": {}, "tab": 3}',
+        b'{"type": "turn", "id": true, "values": {}, "tab": "a"}', b'{"type": "open", "law": {}}',
+        b'{"type": "take", "id": -1}', b'{"type": "open", "preset": "' + b"a" * 100 + b'"}',
         b'{"type": "turn", "id": 1, "values": {}, "tab": "a", "profile": 3}',
         b'{"type": "turn", "id": ' + b"9" * 5000 + b"}",
     ],
@@ -200,7 +204,7 @@ def test_the_linear_numbers_are_those_of_screen(client: TestClient, values: dict
 def test_sized_and_simulated_numbers_are_those_of_the_calls(frequency: float) -> None:
     values = {"structure.frequency_hz": frequency}
     scene = changed_scene(TRUCK.document(as_written=True), tuple(values.items()))
-    turn = Turn(scene, 3600.0, 0.01, seed=3, id=1)
+    turn = Turn(Design(scene, 3600.0, 0.01, Tolerances()), seed=3, id=1)
     sized = size(scene, probability=0.01, mission=3600.0, seed=3)
     assert isinstance(sized, Sizing)
     risk = turn.risk()
@@ -249,12 +253,13 @@ def test_a_turn_that_is_overtaken_on_its_way_does_not_end_the_later_one(
     assert next(late)["part"] == "rate"
 
 
-def test_a_scene_that_the_page_does_not_show_is_refused(stochvi: Run) -> None:
-    with pytest.raises(ValueError, match="one impact_pair and without phases"):
+def test_a_scene_that_the_page_does_not_show_is_refused(stochvi: Run, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="scenes with stops: give the scene an"):
         Explorer(isolator(None))
-    told = stochvi("explore", shipped_scene("rigid-box"), "--no-browser")
+    (tmp_path / "free.toml").write_text(toml_of(isolator(None).document()), encoding="utf-8")
+    told = stochvi("explore", str(tmp_path / "free.toml"), "--no-browser")
     assert told.code == 2
-    assert "one impact_pair" in told.err
+    assert "scenes with stops" in told.err
 
 
 def test_the_server_ends_a_while_after_its_last_tab_alone(monkeypatch: pytest.MonkeyPatch) -> None:
