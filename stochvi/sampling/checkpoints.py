@@ -198,7 +198,7 @@ def _parts(value: Any) -> Iterable[Any]:
 # ------------------------------------------------------------------------------
 
 
-HEADER, FORMAT = "stochvi checkpoint", 10
+HEADER, FORMAT = "stochvi checkpoint", 11
 """First words of a checkpoint file, and the number of its format, which follows them."""
 
 LONG_SECONDS = 10.0

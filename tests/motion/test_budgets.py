@@ -530,8 +530,8 @@ def test_another_format_and_missing_keys_are_said(tmp_path: Path) -> None:
     kept = tmp_path / "run"
     simulate(oscillator(), **ASKED, checkpoint=kept)
     text = kept.read_bytes()
-    kept.write_bytes(text.replace(b"checkpoint 10", b"checkpoint 12", 1))
-    with pytest.raises(CheckpointError, match=r"another version of stochvi \(format 12, here 10\)"):
+    kept.write_bytes(text.replace(b"checkpoint 11", b"checkpoint 12", 1))
+    with pytest.raises(CheckpointError, match=r"another version of stochvi \(format 12, here 11\)"):
         simulate(oscillator(), resume=kept)
     whole = json.loads(text.partition(b"\n")[2])
     ((name, entry),) = whole["samples"].items()
@@ -560,14 +560,14 @@ def test_another_format_and_missing_keys_are_said(tmp_path: Path) -> None:
         ),
     ):
         body = json.dumps(document).encode()
-        header = f"stochvi checkpoint 10 {hashlib.sha256(body).hexdigest()}\n".encode()
+        header = f"stochvi checkpoint 11 {hashlib.sha256(body).hexdigest()}\n".encode()
         kept.write_bytes(header + body)
         with pytest.raises(CheckpointError, match="does not hold what a checkpoint"):
             simulate(oscillator(), resume=kept)
     nested = b'{"scene": ' + b"[" * 100_000 + b"]" * 100_000 + b"}"
     for body in (nested, b"{", b"\xff", text.partition(b"\n")[2].replace(b"0.", b"NaN, 0.", 1)):
         digest = hashlib.sha256(body).hexdigest()
-        kept.write_bytes(f"stochvi checkpoint 10 {digest}\n".encode() + body)
+        kept.write_bytes(f"stochvi checkpoint 11 {digest}\n".encode() + body)
         with pytest.raises(CheckpointError, match="does not hold what a checkpoint"):
             simulate(oscillator(), resume=kept)
 

@@ -195,7 +195,7 @@ def test_what_belongs_to_another_run_is_refused(tmp_path: Path) -> None:
     kept.write_bytes(text[:-9] + text[-8:])
     with pytest.raises(CheckpointError, match="is damaged"):
         impacts(scene, resume=kept)
-    kept.write_bytes(text.replace(b"checkpoint 10", b"checkpoint 6", 1))
+    kept.write_bytes(text.replace(b"checkpoint 11", b"checkpoint 6", 1))
     with pytest.raises(CheckpointError, match="another version of stochvi"):
         impacts(scene, resume=kept)
     kept.write_bytes(text)
@@ -207,7 +207,7 @@ def test_what_belongs_to_another_run_is_refused(tmp_path: Path) -> None:
     record["sample"] = {"record": "os:system", "fields": {}}
     document = json.loads(text.partition(b"\n")[2]) | {"samples": {"any": record}}
     body = json.dumps(document).encode()
-    header = f"stochvi checkpoint 10 {hashlib.sha256(body).hexdigest()}\n"
+    header = f"stochvi checkpoint 11 {hashlib.sha256(body).hexdigest()}\n"
     kept.write_bytes(header.encode() + body)
     with pytest.raises(CheckpointError, match="does not hold what a checkpoint"):
         impacts(scene, resume=kept)
