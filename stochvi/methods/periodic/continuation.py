@@ -488,6 +488,11 @@ MOST_STEPS = 5_000
 FIRST_STEP, SHORTEST_STEP, LONGEST_STEP = 0.02, 1e-7, 0.4
 """First, smallest and largest length of arc of a step."""
 
+LONGEST_SHARE = 0.01
+"""Largest length of arc of a step as a share of the largest number of a state, where that is more:
+near a lightly damped resonance states are thousands of units, and a branch turns with their
+phase."""
+
 CORNER = (1e-5, 1e-4, 1e-3)
 """Lengths of steps by which a branch is continued where it has a corner."""
 
@@ -650,7 +655,8 @@ class Continuation:
             last = place
             calm += 1
             careful = calm <= CALM and step < CORNER[-1]
-            step = min((0.5 if careful else 1.5) * step, LONGEST_STEP)
+            longest = max(LONGEST_STEP, LONGEST_SHARE * float(np.abs(place.u).max()))
+            step = min((0.5 if careful else 1.5) * step, longest)
         return points, names, False
 
     def _met(self, start: Vector, end: Vector, earlier: Matrix) -> BranchPlace | None:
