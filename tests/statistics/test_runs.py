@@ -497,7 +497,7 @@ OFTEN = scene(2.5, damping=0.2)
 
 def hits_of_missions(seed: int) -> Ends:
     found = partial_answer(
-        reliability, OFTEN, mission=20.0, rel_error=0.002, budget=0.2, seed=seed, threads=1
+        reliability, OFTEN, mission=20.0, rel_error=0.002, budget=0.06, seed=seed, threads=1
     )
     return ALL if found is None or found.hits is None else found.hits_interval
 

@@ -71,7 +71,7 @@ from stochvi.statistics.reliability.missions import (
 from stochvi.statistics.trial_splitting import has_fast_peaks
 
 FIRST_HITS = 0.4
-"""Share of the budget that the probability of any impact of several pairs may take."""
+"""Share of the budget that the probability of any impact may take where more is asked for."""
 
 AS_MUCH = 1e-3
 """Probability that springs and dampers alone exceed an acceleration, from which on a warning states
@@ -425,7 +425,9 @@ def _sampled(
     """Answers under white noise, by missions, and by first crossings where the start allows it."""
     name, found, first = "hit" if model.stops else "passage", Findings(), None
     if way == "first crossings" or (way is None and start == "stationary"):
-        first = first_hit(scene, ends, mission, jobs, surely=way is not None)
+        more = bool(model.stops or limits)
+        some = replace(jobs, deadline=jobs.deadline.sooner(1.0 - FIRST_HITS)) if more else jobs
+        first = first_hit(scene, ends, mission, some, surely=way is not None)
     missions = None if way == "first crossings" else way
     plans: dict[str, MissionPlan] = {}
     if first is None:
