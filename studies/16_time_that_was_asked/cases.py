@@ -7,6 +7,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from numba.core import config
+
+import stochvi
 from stochvi.cli import main
 from stochvi.scenes.datasets import shipped_scene, zoo_files
 
@@ -95,6 +98,16 @@ def vary(scene: Path) -> str:
     place = ".0.0" if structure["kind"] == "matrices" else ""
     value = structure[key] if not place else structure[key][0][0]
     return f"structure.{key}{place}={value},{1.5 * value}"
+
+
+def last_compiled() -> float:
+    """Time at which a kernel was compiled last: where the package keeps its machine code."""
+    places = [
+        Path(stochvi.__file__).parent,
+        *([Path(config.CACHE_DIR)] if config.CACHE_DIR else []),
+    ]
+    kernels = (file for place in places for file in place.rglob("*.nbc"))
+    return max((file.stat().st_mtime for file in kernels), default=0.0)
 
 
 SHIPPED = {

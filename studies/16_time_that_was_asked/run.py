@@ -12,9 +12,8 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import pandas as pd
-from cases import Case, cases, scenes, vary
+from cases import Case, cases, last_compiled, scenes, vary
 
-import stochvi
 from stochvi.cli import main
 from stochvi.views.files import write_picture
 
@@ -51,12 +50,6 @@ def command_of(case: Case, scene: Path, budget: float, out: Path, ctrl_c: bool) 
     share = budget / 2.0 if case.command == "sweep" else budget
     words += ["--budget", str(share)] if case.budgeted else []
     return words + (["--json", "-"] if case.command == "explain" else ["--out", str(out)])
-
-
-def last_compiled() -> float:
-    """Time at which a kernel was compiled last."""
-    kernels = Path(stochvi.__file__).parent.rglob("*.nbi")
-    return max((file.stat().st_mtime for file in kernels), default=0.0)
 
 
 def measured(case: Case, name: str, scene: Path, budget: float, ctrl_c: bool) -> dict[str, object]:

@@ -559,12 +559,12 @@ def test_a_design_finds_the_broad_optimum() -> None:
     structure = Scene(structure=LIGHTLY_DAMPED, excitations=[UNIT_RMS])
     found = design_absorber(
         structure, mass_budget=0.1, restitutions=[0.5, 0.9], plays=[1, 1.7, 3, 5, 9],
-        level_range_db=3.0, rel_error=rel_error,
+        level_range_db=3.0, rel_error=rel_error, budget=None,
     )  # fmt: skip
     assert found.restitution == 0.5
     # the scene that it proposes, simulated with other random numbers
     (again,) = absorber(
-        found.scene, levels_db=[0.0], rel_error=rel_error / 2.0, seed=7
+        found.scene, levels_db=[0.0], rel_error=rel_error / 2.0, seed=7, budget=None
     ).performances
     error = math.hypot(found.best.ratio.standard_error, again.ratio.standard_error)
     both = replace(again.ratio, standard_error=error)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numba
 import numpy as np
 import pandas as pd
 import pytest
@@ -579,7 +580,7 @@ def test_size_writes_a_report_of_a_record(tmp_path, stochvi):
     options = ("--probability", "0.1", "--mission", "600", "--rel-error", "0.2", "--quiet")
     assert stochvi("size", file, *options, "--out", tmp_path / "out").code == 0
     page = (tmp_path / "out" / "report.html").read_text("utf-8")
-    assert "Kurtosis of the record" in page and "leaves the rms response" in page
+    assert "Kurtosis of the record" in page and "leaves rms and clearances" in page
 
 
 # The installed command --------------------------------------------------------------------
@@ -1160,6 +1161,19 @@ def test_a_command_without_a_question_is_named(monkeypatch: pytest.MonkeyPatch) 
 
 def test_the_scenes_of_the_study_are_files() -> None:
     assert all(file.is_file() for file in STUDY.scenes().values())
+
+
+def test_the_study_knows_when_a_kernel_was_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A command that compiled one is run again: of the time of the first, compiling is a part."""
+    monkeypatch.setattr(numba.core.config, "CACHE_DIR", str(tmp_path))
+    before = STUDY.last_compiled()
+    (tmp_path / "engine").mkdir()
+    kept = tmp_path / "engine" / "kernel.nbc"
+    kept.touch()
+    os.utime(kept, (before + 1e6,) * 2)
+    assert STUDY.last_compiled() == pytest.approx(before + 1e6)
 
 
 @pytest.mark.verify

@@ -35,18 +35,25 @@ def hunt(stochvi: Run, folder: Path, seed: int, commands: tuple[tuple[str, ...],
     inside = folder / "a" / "b"
     inside.mkdir(parents=True)
     scene, out = mutator.write(inside), inside / "o1" / "o2"
-    judge(stochvi, folder, seed, scene, mutator.command(commands, out), out)
+    words = mutator.command(commands, out)
+    if judge(stochvi, folder, seed, scene, words, out) >= SECONDS:
+        # what a busy machine took from a process once, it does not take twice
+        again = judge(stochvi, folder, seed, scene, words, out)
+        assert again < SECONDS, f"{again:.1f} s\nseed {seed}: {' '.join(words)}"
 
 
 def hunt_in_files(stochvi: Run, folder: Path, seed: int) -> None:
     """A changed file, of a scene or of paths."""
     folder.mkdir(exist_ok=True)
     file, words = Mutator(seed).file(folder)
-    judge(stochvi, folder, seed, file, words, folder / "none")
+    if judge(stochvi, folder, seed, file, words, folder / "none") >= SECONDS:
+        again = judge(stochvi, folder, seed, file, words, folder / "none")
+        assert again < SECONDS, f"{again:.1f} s\nseed {seed}: {' '.join(words)}"
 
 
-def judge(stochvi: Run, folder: Path, seed: int, file: Path, words: list[str], out: Path) -> None:
-    """Run a command, which must end with a code and a sentence, in time, and write into `out`."""
+def judge(stochvi: Run, folder: Path, seed: int, file: Path, words: list[str], out: Path) -> float:
+    """The CPU seconds of a command without the compiling of kernels. It must end with a code and a
+    sentence, and write into `out`."""
     before = files_of(folder)
     case = f"seed {seed}: {' '.join(words)}\n{file.read_text('utf-8', 'replace')[:3000]}"
     held = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # other tests of the process may
@@ -61,9 +68,9 @@ def judge(stochvi: Run, folder: Path, seed: int, file: Path, words: list[str], o
     assert "\x1b" not in text + errors and "\x00" not in text + errors, case
     changed = {path for path, state in files_of(folder).items() if before.get(path) != state}
     assert all(path.is_relative_to(out) for path in changed), f"{changed}\n{case}"
-    assert spent < SECONDS, f"{spent:.1f} s\n{case}"
     most = max(held, 1024.0 * MEGABYTES)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss <= most, case
+    return spent
 
 
 def files_of(folder: Path) -> dict[Path, tuple[int, int]]:

@@ -77,6 +77,14 @@ GIVEN: dict[str, Any] = {
 """Arguments that a function takes, by their names."""
 
 
+IN_ROWS: dict[str, dict[str, Any]] = {
+    "sweep": {"method": "linearise"}, "mean_over_units": {"threads": 1},
+    "mean_over_records": {"threads": 1},
+}  # fmt: skip
+"""Functions that hand `**arguments` on, among them the budget of each row, and others that they get
+here."""
+
+
 class Caller:
     """Calls at random; the same seed gives the same call."""
 
@@ -107,8 +115,8 @@ class Caller:
                 found[name] = GIVEN[name]
         if "rel_error" in parameters and "paths" not in found:
             found["rel_error"] = 0.3
-        if self.function.__name__ == "sweep":
-            found |= {"budget": SECONDS, "method": "linearise"}
+        if self.function.__name__ in IN_ROWS:
+            found |= {"budget": SECONDS} | IN_ROWS[self.function.__name__]
         changeable = [name for name in parameters if name != "budget"]
         for name in self.random.sample(
             changeable, min(self.random.choice((0, 1, 1, 1, 2)), len(changeable))
