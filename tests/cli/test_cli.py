@@ -580,7 +580,7 @@ def test_size_writes_a_report_of_a_record(tmp_path, stochvi):
     options = ("--probability", "0.1", "--mission", "600", "--rel-error", "0.2", "--quiet")
     assert stochvi("size", file, *options, "--out", tmp_path / "out").code == 0
     page = (tmp_path / "out" / "report.html").read_text("utf-8")
-    assert "Kurtosis of the record" in page and "leaves rms and clearances" in page
+    assert "Kurtosis of the record" in page and "length adds a standard error" in page
 
 
 # The installed command --------------------------------------------------------------------
