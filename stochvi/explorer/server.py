@@ -31,6 +31,7 @@ STATIC = Path(__file__).parent / "static"
 FILES = {
     "/": ("index.html", "text/html"),
     "/explore.js": ("explore.js", "text/javascript"),
+    "/box.js": ("box.js", "text/javascript"),
     "/figures.js": ("figures.js", "text/javascript"),
     "/motion.js": ("motion.js", "text/javascript"),
     "/pictures.js": ("pictures.js", "text/javascript"),

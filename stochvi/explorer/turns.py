@@ -58,6 +58,7 @@ from stochvi.explorer.takeaways import (
     question_of,
     taken,
 )
+from stochvi.isolators.bumpers import bumper_map
 from stochvi.isolators.screening import at_clearances, environment, screen
 from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.size import risk_curve
@@ -88,6 +89,9 @@ NEAR, FAR, PLACES = 0.8, 7.0, 60
 
 DOTS = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5)
 """Clearances that are simulated, and solved by the closure, in standard deviations."""
+
+FACTORS = tuple(np.geomspace(0.1, 10.0, 9).tolist())
+"""Stiffness of the stops over that of the design, for the picture of peaks."""
 
 LINEAR = "linear motion without stops"
 
@@ -187,6 +191,9 @@ class Turn:
         )  # fmt: skip
         for share in DOTS:
             yield "refined", self.dot(share)
+        pair = self.scene.expanded.impact_pairs[0]
+        if all(hasattr(law, "stiffness") for _, law in pair.stops()):
+            yield "refined", self.stiffness
 
     def _boxed(self) -> Iterator[tuple[str, Callable[[], Message]]]:
         yield from (("simulated", self.rate), ("simulated", self.risk))
@@ -244,8 +251,28 @@ class Turn:
         found = environment(self.scene).spectra
         if found is None:
             raise ValueError("spectra are shown where noise moves the base of one mass alone")
-        names = ("frequency_hz", "base_density", "transmissibility")
-        return {"part": "spectra", "method": LINEAR, **columns(found[::2], names)}
+        thin = found[::2]
+        return {
+            "part": "spectra", "method": LINEAR, **columns(thin, ("frequency_hz", "base_density")),
+            "passed_density": finite(thin["transmissibility"] ** 2 * thin["base_density"]),
+        }  # fmt: skip
+
+    def stiffness(self) -> Message:
+        """The largest acceleration of the mission, exceeded with the accepted probability, over the
+        stiffness of the stops."""
+        distances = screen(self.scene).impact_pairs[self.pair].stops
+        found = bumper_map(
+            self.scene, mission=self.design.mission, exceedance=self.design.probability,
+            clearances=[min(distances.values())], stiffness_factors=FACTORS, seed=self.seed,
+            budget=BUDGET, progress=self.look,
+        )  # fmt: skip
+        rows = found.to_frame()
+        error, bias = (rows[f"peak_acceleration_{each}"] for each in ("standard_error", "bias"))
+        peaks = [
+            of("", Estimate(value=value, standard_error=spread, bias=off), "m/s2")
+            for value, spread, off in zip(rows["peak_acceleration"], error, bias, strict=True)
+        ]
+        return {"part": "stiffness", "stiffness": finite(rows["stiffness"]), "peaks": peaks}
 
     def rate(self) -> Message:
         """Impacts on the stops, simulated with few paths."""

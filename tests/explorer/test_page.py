@@ -104,7 +104,8 @@ def test_every_knob_turns_by_the_keyboard(page: Any) -> None:
 
 
 def test_everything_is_reached_by_the_tab_key_alone(page: Any) -> None:
-    wanted = page.locator("select, input, button:visible, [role=slider]").count()
+    kinds = "select, input, button, summary, [role=slider]"
+    wanted = page.locator(kinds).filter(visible=True).count()
     page.evaluate("document.body.focus()")
     reached = set()
     for _ in range(wanted):
@@ -225,6 +226,113 @@ def test_two_tabs_turn_apart(page: Any) -> None:
 
 
 # ------------------------------------------------------------------------------
+# Scenes, tables and laws that are chosen.
+# ------------------------------------------------------------------------------
+
+
+def test_a_pasted_table_takes_the_place_of_the_profile_and_a_bad_one_does_not(page: Any) -> None:
+    begin = page.inner_text(".answer")
+    page.click("text=Paste a PSD")
+    page.fill("#psd", "5 0.03\n40 0.03\n500 -0.0003")
+    page.click("text=Use this PSD")
+    page.wait_for_selector(".side .state:text-matches('line 4')")
+    assert "positive" in page.inner_text(".side .state")
+    assert page.inner_text(".answer") == begin
+    page.fill("#psd", "5 0.03\n40 0.03\n500 0.0003")  # twice the profile: 3 dB
+    turned_by(page, lambda: page.click("text=Use this PSD"))
+    assert page.input_value("#profile") == "pasted table"
+    assert "Make 15.9 mm" in page.inner_text(".answer")
+    page.reload()
+    sized(page)
+    assert "Make 15.9 mm" in page.inner_text(".answer")
+    turned_by(page, lambda: page.select_option("#profile", "mil-std-810h-truck-vertical-5hz"))
+    assert page.inner_text(".answer") == begin
+
+
+def test_tolerances_need_a_wider_clearance(page: Any) -> None:
+    page.click("summary:has-text('Tolerances')")
+
+    def allow() -> None:
+        page.fill("#tolerances\\.frequency ~ input", "10")
+        page.keyboard.press("Tab")
+
+    assert "within tolerances" in turned_by(page, allow)
+    assert "within natural frequency ± 10 %" in page.inner_text(".answer")
+
+
+def test_another_law_has_other_knobs(page: Any) -> None:
+    turned_by(page, lambda: page.select_option("#law", "viscoelastic"))
+    told = page.locator("form label").all_inner_texts()
+    assert {"stiffness, N/m", "damping ratio of stops 1"} <= {*told}
+    assert "restitution" not in told
+
+
+def test_a_box_is_drawn_with_the_risk_of_its_corners(page: Any) -> None:
+    turned_by(page, lambda: page.select_option("#preset", "box on four mounts"))
+    assert page.locator("svg.box circle").count() == 3
+    assert page.locator("svg.box rect").count() == 4
+    assert "corner 2, 100 %" in page.text_content("svg.box")
+    assert not page.locator("svg.motion").is_visible()
+
+
+# ------------------------------------------------------------------------------
+# What is confirmed, and taken away.
+# ------------------------------------------------------------------------------
+
+
+def test_a_pinned_design_is_confirmed(page: Any) -> None:
+    page.click("text=Pin this design")
+    page.click("text=Confirm by simulation")
+    page.wait_for_selector("tr:has-text('simulated impact rate, confirmed')")
+    page.wait_for_selector(".legend >> text=pinned, confirmed")
+    assert page.locator("text=Confirm by simulation").is_visible()
+
+
+def test_a_confirmation_is_cancelled(page: Any) -> None:
+    page.click("text=Pin this design")
+    # at the required clearance impacts are rare, and take long
+    turned_by(page, lambda: set_clearance(page, "9"))
+    page.click("text=Unpin")
+    page.click("text=Pin this design")
+    page.click("text=Confirm by simulation")
+    page.click("button:has-text('Cancel')")
+    page.wait_for_selector("text=Confirm by simulation >> visible=true")
+    assert page.locator("tr:has-text('confirmed')").count() == 0
+
+
+def set_clearance(page: Any, value: str) -> None:
+    page.fill("#clearance ~ input", value)
+    page.keyboard.press("Tab")
+
+
+@pytest.mark.parametrize(
+    ("button", "words"),
+    [
+        ("Scene file", "frequency_hz = 12.0"),
+        ("Command line", "stochvi size design.toml --probability 0.01"),
+        ("Python lines", "answer = stochvi.size(scene"),
+    ],
+)
+def test_texts_are_taken_away(page: Any, button: str, words: str) -> None:
+    page.click(f"text={button}")
+    assert words in page.inner_text(".taken pre")
+    with page.expect_download() as saved:
+        page.click(".taken button:has-text('Save')")
+    assert words in saved.value.path().read_text()
+
+
+@pytest.mark.parametrize(
+    ("button", "name", "words"),
+    [("CSV of the risk", "design.csv", "clearance,"), ("Report", "report.html", "11.3")],
+)
+def test_files_are_taken_away(page: Any, button: str, name: str, words: str) -> None:
+    with page.expect_download() as saved:
+        page.click(f"text={button}")
+    assert saved.value.suggested_filename == name
+    assert words in saved.value.path().read_text()
+
+
+# ------------------------------------------------------------------------------
 # Who reads it, and on what.
 # ------------------------------------------------------------------------------
 
@@ -280,7 +388,7 @@ def test_a_refused_turn_leaves_no_sentence_of_another(page: Any) -> None:
         status=200, content_type="application/x-ndjson",
         body='{"type": "refused", "sentence": "this scene is refused"}\n',
     ))  # fmt: skip
-    page.select_option("#profile", "navmat-p-9492")
+    set_frequency(page, "13")
     page.wait_for_selector("header .state:text-matches('this scene is refused')")
     assert page.inner_text(".answer") == ""
     assert page.locator(".stochvi-explore.stale").count() == 1

@@ -1,20 +1,34 @@
 // The panel: what a design does, its knobs and pictures. It shows what it is sent, and asks by
 // messages alone, so that a notebook's model and the page's (`page.js`) serve it alike. The model
 // keeps two things: the `setting` of the knobs, and the `pinned` design.
+import { box } from "./box.js";
 import { SYSTEMS, change, digits, element, inUnits, spoken, unitOf, withInterval } from "./figures.js";
 import { motion } from "./motion.js";
 import { picture } from "./pictures.js";
 
 const STAGES = { closed: "closed forms", simulated: "simulated", refined: "refined" };
 const SIDES = { lower: -1, upper: 1 };
+const FILES = { scene: "Scene file", command: "Command line", python: "Python lines", csv: "CSV of the risk", report: "Report", html: "Page without Python" };
+const BARE = { "g²/Hz": "Hz,g2/Hz", "(m/s²)²/Hz": "Hz,(m/s2)2/Hz" };
+const SHOWN = ["application/toml", "text/plain", "text/x-python"]; // texts to copy; others are saved at once
 const stopKey = (side) => `impact_pair.0.${side}`;
 
-// stops that are as far away on both sides are turned together
-function oneClearance(knobs) {
-  const [lower, upper] = Object.keys(SIDES).map((side) => knobs.find((each) => each.key === stopKey(side)));
-  if (!lower || !upper || lower.value !== -upper.value) return knobs;
-  const both = { ...upper, key: "clearance", words: "clearance per side", keys: [lower.key, upper.key], signs: { [lower.key]: -1 } };
-  return knobs.filter((each) => each !== lower).map((each) => (each === upper ? both : each));
+// stops of a pair that are as far away on both sides are turned together
+function withClearances(knobs) {
+  const of = (key) => knobs.find((each) => each.key === key);
+  return knobs.flatMap((knob) => {
+    const [, pair, side] = knob.key.match(/^impact_pair\.(\d+)\.(lower|upper)$/) ?? [];
+    const lower = of(`impact_pair.${pair}.lower`), upper = of(`impact_pair.${pair}.upper`);
+    if (!lower || !upper || lower.value !== -upper.value) return [knob];
+    if (side === "lower") return [];
+    return [{ ...upper, key: pair === "0" ? "clearance" : `clearance.${pair}`, words: "clearance per side", keys: [lower.key, upper.key], signs: { [lower.key]: -1 } }];
+  });
+}
+
+// knobs of the same words say of what they are
+function toldApart(knobs) {
+  const part = (key) => key.replace(/^(structure|absorber).*/, " of the $1").replace(/^impact_pair\.(\d+).*/, (_, n) => ` of stops ${+n + 1}`).replace(/^excitation\.(\d+).*/, (_, n) => ` of excitation ${+n + 1}`);
+  return knobs.map((each) => ({ ...each, words: knobs.some((other) => other !== each && other.words === each.words) ? each.words + part(each.keys[0]) : each.words }));
 }
 
 // a knob: a slider whose ends are those of the server, and its number, which can be typed
@@ -31,7 +45,7 @@ function knobRow(knob, system, turned, tell) {
     typed.setAttribute("aria-label", `${label.textContent}, typed`);
     range.value = Math.round((1000 * (place(knob.now) - place(knob.low))) / width);
     range.setAttribute("aria-valuetext", spoken(knob.now, knob.unit, system()));
-    typed.value = digits(knob.now * factor, 4).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
+    typed.value = Number((knob.now * factor).toPrecision(4));
   };
   range.addEventListener("input", () => {
     knob.now = back(place(knob.low) + (width * range.value) / 1000);
@@ -50,14 +64,31 @@ function knobRow(knob, system, turned, tell) {
   return element("div", { className: "knob" }, label, range, typed);
 }
 
-const choice = (id, words, options, now) =>
-  [element("label", { htmlFor: id, textContent: words }), element("select", { id }, ...options.map((each) => element("option", { textContent: each, selected: each === now })))];
+function choice(id, words, options, now, chose) {
+  const select = element("select", { id }, ...options.map((each) => element("option", { textContent: each, selected: each === now })));
+  select.addEventListener("change", () => chose(select.value));
+  return [element("label", { htmlFor: id, textContent: words }), select];
+}
 
 const button = (words, pressed) => {
   const made = element("button", { type: "button", textContent: words });
   made.addEventListener("click", pressed);
   return made;
 };
+
+// a place for a table of a PSD, pasted or dropped, with the unit of one that names none
+function pasting(use) {
+  const text = element("textarea", { id: "psd", rows: 6, placeholder: "5, 0.015\n40, 0.015\n500, 0.00015", spellcheck: false });
+  const unit = choice("psd-unit", "unit of a table without a heading", Object.keys(BARE), "g²/Hz", () => {});
+  text.addEventListener("dragover", (event) => event.preventDefault());
+  text.addEventListener("drop", async (event) => {
+    event.preventDefault();
+    text.value = (await event.dataTransfer.files[0]?.text()) ?? event.dataTransfer.getData("text");
+  });
+  return element("details", { className: "paste" }, element("summary", { textContent: "Paste a PSD" }),
+    element("label", { htmlFor: "psd", textContent: "a frequency in Hz and a density in each row; paste it, or drop a file" }), text, ...unit,
+    button("Use this PSD", () => use(/^[^\d#]*[a-z]/i.test(text.value) ? text.value : `${BARE[unit[1].value]}\n${text.value}`)));
+}
 
 function tableOf(caption, heads, className) {
   const body = element("tbody");
@@ -69,8 +100,8 @@ const row = (name, ...cells) => element("tr", {}, element("th", { scope: "row", 
 
 function render({ model, el }) {
   const tab = Math.random().toString(36).slice(2);
-  let system = "mm, g", knobs = [], profile = null, first = null, id = 0, asked = 0, timer = null, pictures = {}, note = null;
-  let answer = { numbers: {}, dots: [] }, pinned = null;
+  let system = "mm, g", knobs = [], choices = {}, wanted = {}, count = 0, id = 0, confirming = null, taking = null, asked = 0, timer = null, pictures = {}, note = null;
+  let answer = { numbers: {}, dots: [], stiffness: [] }, pinned = null;
 
   const heading = element("h1", { textContent: "stochvi explore" });
   const sentence = element("p", { className: "answer" });
@@ -88,9 +119,19 @@ function render({ model, el }) {
   const [comparison, differences] = tableOf("Pinned design, and the one of the knobs", ["quantity", "pinned", "now", "change"], "differences");
   const pin = button("Pin this design", () => hold({ setting: settingNow(), answer }));
   const unpin = button("Unpin", () => hold(null));
-  const goBack = button("Turn back to it", () => { adopt(pinned.setting); turn(); });
-  const reset = button("As in the scene", () => { adopt(first); turn(); });
-  const buttons = element("div", { className: "buttons" }, pin, goBack, unpin, reset);
+  const goBack = button("Turn back to it", () => open(pinned.setting));
+  const reset = button("As in the scene", () => open({ preset: choices.preset, system }));
+  const confirm = button("Confirm by simulation", confirmPinned);
+  const cancel = button("Cancel", () => model.send({ type: "cancel", id: confirming, tab }));
+  const share = element("progress", { max: 1, value: 0 });
+  share.setAttribute("aria-label", "progress of the confirmation");
+  const about = element("p", { className: "state" });
+  about.setAttribute("role", "status");
+  const held = element("div", { className: "buttons" }, goBack, unpin, confirm, cancel, share);
+  const buttons = element("div", { className: "buttons" }, pin, reset);
+  const taken = element("div", { className: "taken" });
+  const away = element("section", { className: "away" }, element("h2", { textContent: "Take away" }), element("div", { className: "buttons" }), taken);
+  const paste = pasting((text) => open({ ...settingNow(), profile: null, psd: text }));
 
   const now = (key) => {
     const knob = knobs.find((each) => each.keys.includes(key));
@@ -98,7 +139,7 @@ function render({ model, el }) {
   };
   const stops = () => Object.fromEntries(Object.keys(SIDES).map((side) => [side, now(stopKey(side))]));
   const valuesNow = () => Object.fromEntries(knobs.flatMap((each) => each.keys.map((key) => [key, now(key)])));
-  const settingNow = () => ({ values: valuesNow(), profile, system });
+  const settingNow = () => ({ values: valuesNow(), ...choices, system });
   const own = () => Math.min(...Object.values(stops()).filter(Number.isFinite).map(Math.abs));
 
   const moving = motion({
@@ -119,20 +160,21 @@ function render({ model, el }) {
   el.classList.add("stochvi-explore");
   el.replaceChildren(
     element("header", {}, heading, sentence, facts, state),
-    element("main", {}, element("section", { className: "side" }, chosen, panel, tip, buttons), element("section", { className: "shown" }, moving.box, shown, comparison, results)),
+    element("main", {}, element("section", { className: "side" }, chosen, paste, panel, tip, buttons),
+      element("section", { className: "shown" }, moving.box, shown, comparison, held, about, results, away)),
   );
 
   // ----- a turn: what it asks, and what is pale until it is answered
 
   function turn() {
-    id += 1;
+    id = count += 1;
     asked = performance.now();
-    answer = { numbers: {}, dots: [], kept: { ...answer.kept, ...answer.numbers } };
+    answer = { numbers: {}, dots: [], stiffness: [], kept: { ...answer.kept, ...answer.numbers } };
     state.textContent = "asking";
     for (const each of [el, ...el.querySelectorAll("figure, table.numbers")]) each.classList.add("stale");
     moving.show(null);
     remember("setting", settingNow());
-    model.send({ type: "turn", id, tab, values: valuesNow(), profile });
+    model.send({ type: "turn", id, tab, values: valuesNow(), ...choices });
   }
   const turned = () => {
     clearTimeout(timer);
@@ -142,16 +184,22 @@ function render({ model, el }) {
     model.set(key, value);
     model.save_changes();
   }
-  function adopt(setting) {
+  // another scene, profile, table or law may have other knobs, so they are asked for
+  function open(setting) {
+    wanted = setting;
+    const { preset = null, profile = null, law = null, psd = null } = setting;
+    model.send({ type: "open", id: 0, tab, preset, profile, law, psd });
+  }
+  function adopt({ values = {}, system: units }) {
     for (const knob of knobs) {
-      const [key] = knob.keys, value = setting.values?.[key];
-      if (Number.isFinite(value)) knob.now = Math.min(Math.max(value * (knob.signs?.[key] ?? 1), knob.low), knob.high);
+      const [key] = knob.keys;
+      if (Number.isFinite(values[key])) knob.now = Math.min(Math.max(values[key] * (knob.signs?.[key] ?? 1), knob.low), knob.high);
     }
-    profile = setting.profile ?? profile;
-    system = SYSTEMS[setting.system] ? setting.system : system;
+    system = SYSTEMS[units] ? units : system;
     lay();
   }
   function hold(design) {
+    if (confirming !== null) model.send({ type: "cancel", id: confirming, tab });
     pinned = design;
     remember("pinned", pinned);
     paint();
@@ -161,31 +209,56 @@ function render({ model, el }) {
 
   // choices and knobs, after a change of units or of the setting
   function lay() {
-    const units = choice("units", "units", Object.keys(SYSTEMS), system);
-    units[1].addEventListener("change", () => { system = units[1].value; remember("setting", settingNow()); lay(); });
-    chosen.replaceChildren(...units);
-    if (note.profiles.length) {
-      const profiles = choice("profile", "profile", note.profiles, profile);
-      profiles[1].addEventListener("change", () => { profile = profiles[1].value; turned(); });
-      chosen.append(...profiles);
-    }
-    panel.replaceChildren(...knobs.map((each) => knobRow(each, () => system, turned, (words) => { tip.textContent = words; })));
+    const given = "the scene given";
+    const from = (change) => open({ ...settingNow(), ...change });
+    chosen.replaceChildren(
+      ...choice("preset", "scene", [given, ...note.presets], choices.preset ?? given, (name) => open({ preset: name === given ? null : name, system })),
+      ...(note.profiles.length ? choice("profile", "profile", [...(choices.psd ? ["pasted table"] : []), ...note.profiles], choices.psd ? "pasted table" : choices.profile, (name) => from({ profile: name, psd: null })) : []),
+      ...(note.laws.length > 1 ? choice("law", "stops", note.laws, choices.law, (name) => from({ law: name })) : []),
+      ...choice("units", "units", Object.keys(SYSTEMS), system, (name) => { system = name; remember("setting", settingNow()); lay(); }),
+    );
+    paste.hidden = !note.takes_table;
+    const rows = (groups) => knobs.filter((each) => groups.includes(each.group)).map((each) => knobRow(each, () => system, turned, (words) => { tip.textContent = words; }));
+    const tolerances = rows(["tolerances"]);
+    const opened = panel.querySelector("details")?.open ?? knobs.some((each) => each.group === "tolerances" && each.now > 0);
+    panel.replaceChildren(...rows(["scene", "question"]));
+    if (tolerances.length) panel.append(element("details", { open: opened }, element("summary", { textContent: "Tolerances" }), ...tolerances));
+    moving.box.hidden = note.kind !== "pair";
+    away.querySelector(".buttons").replaceChildren(...note.offers.map((what) => button(FILES[what] ?? what, () => take(what))));
     begin();
   }
 
   // pictures anew, with the colours and units of the moment
   function begin() {
     const colour = (name) => getComputedStyle(el).getPropertyValue(`--${name}`).trim();
-    const colours = Object.fromEntries(["ink", "soft", "line", "closure", "simulated", "answer", "three"].map((name) => [name, colour(name)]));
+    const colours = Object.fromEntries(["ink", "soft", "line", "closure", "simulated", "answer", "three", "hit"].map((name) => [name, colour(name)]));
     const clearance = { words: "clearance", unit: "m" };
+    const common = { colours, x: clearance };
     const made = {
       risk: picture({
-        title: "Probability of any impact in the mission", colours, x: clearance, y: { words: "probability", unit: "", log: true },
+        ...common, title: "Probability of any impact in the mission", y: { words: "probability", unit: "", log: true },
         method: "Counted from first crossings of the motion without stops; the band is their 95 % interval.",
       }),
       rate: picture({
-        title: "Impacts per second", colours, x: clearance, y: { words: "impacts", unit: "1/s", log: true },
+        ...common, title: "Impacts per second", y: { words: "impacts", unit: "1/s", log: true },
         method: "Dots are simulated with the stops, with 95 % intervals. Rice leaves the stops out; the closure is an approximation.",
+      }),
+      spectra: picture({
+        colours, title: "What shakes the base, and what the mount passes on", x: { words: "frequency", unit: "Hz", log: true }, y: { words: "acceleration density", unit: "(m/s2)2/Hz", log: true },
+        method: "Linear motion without stops, exact; impacts add to it.",
+      }),
+      stiffness: picture({
+        colours, title: "Peak acceleration over the stiffness of the stops", x: { words: "stiffness", unit: "N/m", log: true }, y: { words: "peak acceleration", unit: "m/s2" },
+        method: "Exceeded in the mission with the accepted probability; simulated with the stops, with 95 % intervals.",
+      }),
+      box: box(),
+      absorbed: picture({
+        colours, title: "Vibration that the absorber leaves", x: { words: "level", unit: "dB" }, y: { words: "rms with over without", unit: "" },
+        method: "Simulated; the band is the 95 % interval.",
+      }),
+      branches: picture({
+        colours, title: "Periodic motions about the frequency of the sine", x: { words: "frequency", unit: "Hz" }, y: { words: "amplitude", unit: "m" },
+        method: "Exact motions between impacts, followed over frequency: where a stable one ends, the motion jumps.",
       }),
     };
     pictures = Object.fromEntries(Object.entries(made).map(([name, each]) => [name, { ...each, colours }]));
@@ -200,18 +273,26 @@ function render({ model, el }) {
     return marks.filter((each) => Number.isFinite(each.x));
   }
 
+  // the risk of one pair over its clearance; of several, a curve for each
+  function curvesOf(curve) {
+    const common = { kind: "solid", y: curve.probability, low: curve.probability_low, high: curve.probability_high };
+    if (curve.clearance) return [{ ...common, name: "first crossings", x: curve.clearance }];
+    const pairs = Object.keys(curve).filter((each) => !each.startsWith("probability") && each !== "independent");
+    return pairs.map((name) => ({ ...common, name, x: curve[name] }));
+  }
+
   const PAINTERS = {
     risk({ colours }) {
       if (!answer.curve) return null;
-      const curves = [{ name: "first crossings", kind: "solid", colour: colours.simulated, x: answer.curve.clearance, y: answer.curve.probability, low: answer.curve.probability_low, high: answer.curve.probability_high }];
-      if (answer.usual) curves.push({ name: "Rice", kind: "dashed", colour: colours.ink, x: answer.clearances, y: answer.usual });
-      const ghost = pinned?.answer.curve;
-      if (ghost) curves.push({ name: "pinned", kind: "ghost", colour: colours.soft, x: ghost.clearance, y: ghost.probability });
+      const own = [colours.simulated, colours.closure, colours.answer, colours.three, colours.hit];
+      const curves = curvesOf(answer.curve).map((each, i) => ({ ...each, colour: own[i % own.length] }));
+      if (answer.usual && curves.length === 1) curves.push({ name: "Rice", kind: "dashed", colour: colours.ink, x: answer.clearances, y: answer.usual });
+      if (pinned?.answer.curve) curves.push(...curvesOf(pinned.answer.curve).map(({ x, y }) => ({ name: "pinned", kind: "ghost", colour: colours.soft, x, y })));
       const shownOf = (each) => ({ ...each, ...Object.fromEntries(["y", "low", "high"].filter((name) => each[name]).map((name) => [name, each[name].map((value) => (value > 1e-9 ? value : null))])) });
-      return { curves: curves.map(shownOf), marks: marksOf(colours), levels: [{ name: "accepted", kind: "dotted", colour: colours.answer, y: now("probability") }] };
+      return { curves: curves.map(shownOf), marks: note.kind === "pair" ? marksOf(colours) : [], levels: [{ name: "accepted", kind: "dotted", colour: colours.answer, y: now("probability") }] };
     },
     rate({ colours }) {
-      if (!answer.rice) return null;
+      if (!answer.rice || note.kind !== "pair") return null;
       const seen = (list) => list.map((value) => (value > 1e-5 ? value : null));
       const curves = [{ name: "Rice", kind: "dashed", colour: colours.ink, x: answer.clearances, y: seen(answer.rice) }];
       const closed = answer.dots.filter((each) => each.closure);
@@ -227,13 +308,39 @@ function render({ model, el }) {
       if (rate) points.push(point(own(), rate, true));
       const dots = [{ name: "simulated", colour: colours.simulated, points }];
       if (ghost?.numbers["simulated impact rate"]) dots.push({ name: "pinned, simulated", colour: colours.soft, points: [point(ghost.own, ghost.numbers["simulated impact rate"])] });
+      if (pinned?.confirmed) dots.push({ name: "pinned, confirmed", colour: colours.answer, points: [point(pinned.confirmed.clearance, pinned.confirmed.numbers[0], true)] });
       return { curves, dots, marks: marksOf(colours) };
+    },
+    spectra({ colours }) {
+      const found = answer.spectra;
+      if (!found?.passed_density) return null;
+      const curves = [{ name: "base", kind: "dashed", colour: colours.ink, x: found.frequency_hz, y: found.base_density }, { name: "passed on", kind: "solid", colour: colours.simulated, x: found.frequency_hz, y: found.passed_density }];
+      const ghost = pinned?.answer.spectra;
+      if (ghost) curves.push({ name: "pinned, passed on", kind: "ghost", colour: colours.soft, x: ghost.frequency_hz, y: ghost.passed_density });
+      return { curves };
+    },
+    stiffness({ colours }) {
+      if (!answer.stiffness.length) return null;
+      return { curves: [], dots: [{ name: "simulated", colour: colours.simulated, points: answer.stiffness }], marks: [{ name: "your stops", kind: "solid", colour: colours.ink, x: now("impact_pair.0.law.stiffness") }] };
+    },
+    box: () => answer.box,
+    absorbed({ colours }) {
+      const found = answer.absorbed;
+      return found && { curves: [{ name: "rms ratio", kind: "solid", colour: colours.simulated, x: found.level_db, y: found.rms_ratio, low: found.rms_ratio_low, high: found.rms_ratio_high }], levels: [{ name: "without the absorber", kind: "dotted", colour: colours.ink, y: 1 }] };
+    },
+    branches({ colours }) {
+      const found = answer.branches;
+      if (!found) return null;
+      const points = (stable) => found.frequency_hz.map((x, i) => ({ x, y: found.amplitude[i], is: found.stable[i] > 0 && found.admissible[i] > 0 })).filter((each) => each.is === stable && each.y !== null);
+      return { curves: [], dots: [{ name: "stable", colour: colours.simulated, points: points(true) }, { name: "unstable", colour: colours.three, points: points(false) }] };
     },
   };
 
   function paint() {
     for (const [name, each] of Object.entries(pictures)) {
       const found = PAINTERS[name](each);
+      each.box.hidden = !found && !each.drawn;
+      each.drawn ||= !!found;
       if (found) each.set(found, system);
     }
     sentence.textContent = inUnits(answer.sentence ?? sentence.textContent, system);
@@ -248,20 +355,53 @@ function render({ model, el }) {
   }
 
   function compare() {
-    for (const each of [goBack, unpin]) each.hidden = !pinned;
-    comparison.hidden = !pinned;
+    comparison.hidden = held.hidden = !pinned;
+    cancel.hidden = share.hidden = confirming === null;
+    confirm.hidden = confirming !== null;
+    confirm.disabled = !["pair", "box"].includes(note.kind);
     if (!pinned) return;
     const rows = [];
-    if (pinned.setting.profile !== profile) rows.push(row("profile", pinned.setting.profile, profile, "another"));
+    const choicesOf = { preset: "scene", profile: "profile", psd: "table", law: "stops" };
+    for (const [key, words] of Object.entries(choicesOf)) {
+      const said = ({ [key]: value }) => (key === "psd" && value ? "pasted" : value ?? { profile: "none", psd: "none" }[key] ?? "as given");
+      if (said(pinned.setting) !== said(choices)) rows.push(row(words, said(pinned.setting), said(choices), "another"));
+    }
     for (const knob of knobs) {
       const [key] = knob.keys, before = pinned.setting.values[key] * (knob.signs?.[key] ?? 1);
-      if (Number.isFinite(before) && before !== knob.now) rows.push(row(knob.words, spoken(before, knob.unit, system), spoken(knob.now, knob.unit, system), knob.unit === "dB" ? `${digits(knob.now - before)} dB` : change(before, knob.now)));
+      if (Number.isFinite(before) && before !== knob.now) rows.push(row(knob.words, spoken(before, knob.unit, system), spoken(knob.now, knob.unit, system), knob.unit === "dB" || !before ? spoken(knob.now - before, knob.unit, system) : change(before, knob.now)));
     }
     for (const [name, before] of Object.entries(pinned.answer.numbers)) {
       const found = answer.numbers[name];
       rows.push(row(name, withInterval(before, system), found ? withInterval(found, system) : "", found ? change(before.value, found.value) : ""));
     }
+    for (const each of pinned.confirmed?.numbers ?? []) rows.push(row(`${each.name}, confirmed`, withInterval(each, system), "", ""));
     differences.replaceChildren(...rows);
+  }
+
+  // ----- the pinned design confirmed, and what is taken away
+
+  function confirmPinned() {
+    confirming = count += 1;
+    share.value = 0;
+    about.textContent = "";
+    paint();
+    const { system: _, ...setting } = pinned.setting;
+    model.send({ type: "confirm", id: confirming, tab, ...setting });
+  }
+  function confirmed(words) {
+    confirming = null;
+    about.textContent = words;
+    paint();
+  }
+  function take(what) {
+    taking = count += 1;
+    taken.replaceChildren(element("p", { className: "state", textContent: "making it" }));
+    model.send({ type: "take", id: taking, tab, what, values: valuesNow(), ...choices });
+  }
+  function save({ name, media, text }) {
+    const address = URL.createObjectURL(new Blob([text], { type: media }));
+    element("a", { href: address, download: name }).click();
+    setTimeout(() => URL.revokeObjectURL(address), 10_000);
   }
 
   const fit = () => { moving.layout(); Object.values(pictures).forEach((each) => each.fit()); };
@@ -269,24 +409,58 @@ function render({ model, el }) {
   // ----- what is heard
 
   const TAKEN = {
+    spectra: (message) => ({ spectra: message }),
+    absorbed: (message) => ({ absorbed: message.table }),
+    branches: (message) => ({ branches: message.table }),
     linear: (message) => ({ three: message.three_sigma, clearances: message.clearances, rice: message.rice, usual: message.rice_probability, own: own() }),
-    risk: (message) => ({ curve: message.curve, required: message.numbers[0].value, sentence: message.sentence, lines: message.lines }),
+    risk: (message) => ({ curve: message.curve, required: message.numbers.at(-1).value, sentence: message.sentence, lines: message.lines, box: message.box }),
   };
-  const FRESH = { linear: () => pictures.rate.box, risk: () => pictures.risk.box, motion: () => moving.box, rate: () => results };
+  // what is no longer pale once a part is there
+  const FRESH = { linear: () => pictures.rate.box, rate: () => results, motion: () => moving.box };
+  for (const name of ["risk", "spectra", "absorbed", "branches", "stiffness"]) FRESH[name] = () => pictures[name].box;
 
   const heard = {
     knobs(message) {
       note = message;
-      const written = message.knobs.map((each) => ({ ...each, keys: [each.key], unit: each.key === "probability" ? "%" : each.unit }));
-      knobs = oneClearance(written).map((each) => ({ ...each, now: each.value }));
-      profile = message.profile;
+      if (choices.preset !== message.preset) {
+        answer = { numbers: {}, dots: [], stiffness: [] };
+        silence();
+      }
+      choices = { preset: message.preset, profile: message.profile, law: message.law, psd: wanted.psd ?? null };
+      if (choices.psd) choices.profile = null;
+      const units = { probability: "%" };
+      const written = message.knobs.map((each) => ({ ...each, keys: [each.key], unit: units[each.key] ?? (each.group === "tolerances" && !each.unit ? "%" : each.unit) }));
+      knobs = toldApart(withClearances(written)).map((each) => ({ ...each, now: each.value }));
       heading.textContent = message.title || "stochvi explore";
-      first = settingNow();
-      pinned = model.get("pinned") ?? null;
-      adopt(model.get("setting") ?? {});
+      tip.textContent = "";
+      adopt(wanted);
       turn();
     },
+    progress(message) {
+      if (message.id !== confirming) return;
+      share.value = message.done;
+      about.textContent = message.words;
+    },
+    file(message) {
+      if (message.id !== taking) return;
+      if (!SHOWN.includes(message.media)) {
+        taken.replaceChildren(element("p", { className: "state", textContent: `${message.name} is saved, ${Math.ceil(message.text.length / 1024)} kB` }));
+        save(message);
+        return;
+      }
+      const copy = button("Copy", async () => { await navigator.clipboard.writeText(message.text); copy.textContent = "Copied"; });
+      const text = element("pre", { textContent: message.text, tabIndex: 0 });
+      text.setAttribute("role", "region");
+      text.setAttribute("aria-label", message.name);
+      taken.replaceChildren(text, element("div", { className: "buttons" }, copy, button(`Save ${message.name}`, () => save(message))));
+    },
     answer(message) {
+      if (message.part === "confirmed" && message.id === confirming) {
+        pinned.confirmed = message;
+        remember("pinned", pinned);
+        paint();
+        return;
+      }
       if (message.id !== id) return;
       if (message.missing) {
         answer.missing = message.missing;
@@ -298,6 +472,8 @@ function render({ model, el }) {
       Object.assign(answer, TAKEN[message.part]?.(message));
       if (message.part === "motion") moving.show(message.path);
       if (message.part === "dot") answer.dots.push(message);
+      if (message.part === "stiffness") answer.stiffness = message.peaks.map(({ value, low, high }, i) => ({ x: message.stiffness[i], y: value, low, high }));
+      if (message.box) pictures.box.box.classList.remove("stale");
       if (message.part === "risk") el.classList.remove("stale");
       FRESH[message.part]?.().classList.remove("stale");
       state.textContent = `${STAGES[message.stage]}, ${Math.round(performance.now() - asked)} ms after the turn`;
@@ -306,15 +482,23 @@ function render({ model, el }) {
       el.dispatchEvent(new CustomEvent("painted", { detail: { ...message, milliseconds: performance.now() - asked } }));
     },
     done(message) {
+      if (message.id === confirming) confirmed(pinned?.confirmed ? "confirmed" : "cancelled");
       if (message.id !== id) return;
       answer.kept = {};
+      for (const each of [el, ...el.querySelectorAll(".stale")]) each.classList.remove("stale");
       paint();
       state.textContent = answer.missing ?? `all known, ${digits((performance.now() - asked) / 1e3)} s after the turn`;
     },
     refused(message) {
-      if (message.id !== undefined && message.id !== id) return;
-      state.textContent = message.sentence;
-      silence(); // what the turn before said does not hold here
+      if (message.id === 0 && note) { // a choice: the one before it stays
+        tip.textContent = message.sentence;
+        lay();
+      } else if (message.id === confirming && confirming !== null) confirmed(message.sentence);
+      else if (message.id === taking && taking !== null) taken.replaceChildren(element("p", { className: "state", textContent: message.sentence }));
+      else if (!message.id || message.id === id) {
+        state.textContent = message.sentence;
+        silence(); // what the turn before said does not hold here
+      }
     },
     ended() {
       state.textContent = "stochvi explore has ended; start it anew";
@@ -329,14 +513,14 @@ function render({ model, el }) {
   model.on("change:setting", () => {
     const setting = model.get("setting");
     if (!setting || JSON.stringify(setting) === JSON.stringify(settingNow())) return; // its own
-    adopt(setting);
-    turn();
+    open(setting);
   });
   const dark = matchMedia("(prefers-color-scheme: dark)");
   dark.addEventListener("change", begin);
   const sized = new ResizeObserver(fit);
   sized.observe(el);
-  model.send({ type: "open" });
+  pinned = model.get("pinned") ?? null;
+  open(model.get("setting") ?? {});
   return () => {
     moving.end();
     sized.disconnect();

@@ -2,9 +2,9 @@
 
 // factors from SI units, and the names that are shown, by system
 export const SYSTEMS = {
-  "mm, g": { m: [1e3, "mm"], "m/s": [1e3, "mm/s"], "m/s2": [1 / 9.80665, "g"] },
-  "mm, m/s²": { m: [1e3, "mm"], "m/s": [1e3, "mm/s"], "m/s2": [1, "m/s²"] },
-  "in, g": { m: [1 / 0.0254, "in"], "m/s": [1 / 0.0254, "in/s"], "m/s2": [1 / 9.80665, "g"] },
+  "mm, g": { m: [1e3, "mm"], "m/s": [1e3, "mm/s"], "m/s2": [1 / 9.80665, "g"], "(m/s2)2/Hz": [1 / 9.80665 ** 2, "g²/Hz"] },
+  "mm, m/s²": { m: [1e3, "mm"], "m/s": [1e3, "mm/s"], "m/s2": [1, "m/s²"], "(m/s2)2/Hz": [1, "(m/s²)²/Hz"] },
+  "in, g": { m: [1 / 0.0254, "in"], "m/s": [1 / 0.0254, "in/s"], "m/s2": [1 / 9.80665, "g"], "(m/s2)2/Hz": [1 / 9.80665 ** 2, "g²/Hz"] },
 };
 const TIMES = [[3600, "h"], [60, "min"], [1, "s"]];
 
