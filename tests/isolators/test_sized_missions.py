@@ -675,7 +675,7 @@ def test_a_clearance_is_told_where_its_damage_is_known(
     nothing of it, however little they scatter."""
     made = damaging(ratio, error, reached=reached, seen=seen)
     module = importlib.import_module("stochvi.isolators.sizing.size")
-    monkeypatch.setattr(module, "damage", made)
+    monkeypatch.setattr(importlib.import_module("stochvi.statistics.damage"), "damage", made)
     monkeypatch.setattr(module, "MOST_TRIALS", 1)
     first = FIRST_SIGMA * screen(bumpers()).impact_pairs["stops"].displacement_std
     if reached and ratio == 2.0:
