@@ -439,8 +439,9 @@ class Shocks:
 PHASES = 2**13
 """Number of phases over which rates are averaged. For one sine they are evenly spaced."""
 
-HALVINGS = 60
-"""Number of halvings by which a slope is found: all digits."""
+MOST_STEPS, SAME_SLOPE = 60, 1e-8
+"""Largest number of steps by which a slope is found, as many as halvings alone would take, and the
+relative change after which the next one has all digits."""
 
 ROOT_2_PI = math.sqrt(2.0 * math.pi)
 
@@ -656,13 +657,19 @@ def slopes(units: Vector, turn: Vector) -> Vector:
     [1.3]
     """
     wanted = np.exp(-0.5 * units**2) * _upward(turn)
-    low, high = np.zeros_like(units), units + np.maximum(turn, 0.0)
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        past = middle - turn
-        more = np.exp(-0.5 * past**2) / ROOT_2_PI + turn * ndtr(-past) > wanted
-        low, high = np.where(more, middle, low), np.where(more, high, middle)
-    return np.asarray(0.5 * (low + high))
+    found, low, high = units, np.zeros_like(units), units + np.maximum(turn, 0.0)
+    for _ in range(MOST_STEPS):
+        density = np.exp(-0.5 * (found - turn) ** 2) / ROOT_2_PI
+        share = density + turn * ndtr(turn - found)
+        low, high = np.where(share > wanted, (found, high), (low, found))
+        # the logarithm of the share is nearly straight in the square of the slope: Newton's step
+        with np.errstate(all="ignore"):
+            slope = np.sqrt(found**2 + 2.0 * np.log(share / wanted) * share / density)
+        slope = np.where((low <= slope) & (slope <= high), slope, 0.5 * (low + high))
+        found, changed = slope, np.abs(slope - found)
+        if np.all(changed <= SAME_SLOPE * slope):
+            break
+    return np.asarray(found)
 
 
 # ------------------------------------------------------------------------------

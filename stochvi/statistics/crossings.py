@@ -751,6 +751,11 @@ def memory_of(plan: GapResponse) -> float:
     return max(correlation, MEMORY_RELAXATIONS * plan.relaxation)
 
 
+BesideCrossings = tuple[StatesAtCrossings | None, Waves | None, ShockResponses | None]
+"""States beside the noise at crossings, and the sines or the shocks that have them; None without
+any."""
+
+
 class Draws(NamedTuple):
     """Random numbers of crossings: slopes of the unit Rayleigh distribution and, beside sines,
     numbers between 0 and 1 that choose the phases, None without sines."""
@@ -901,42 +906,50 @@ class GapRecords:
     def ages_in(self, records: Vector, draws: Draws, strides: Sequence[int]) -> NDArray[np.float32]:
         """The ages of crossings in records (paths, samples, 2 pairs) and with random numbers that
         have been made."""
-        ages = [
-            [
-                self.ages_before(side, records, self.starts, draws.of(gap), stride)
-                for side, (gap, _, _) in enumerate(self.sides)
-            ]
-            for stride in strides
-        ]
-        return np.array(ages, np.float32)
+        ages = []
+        for side, (gap, _, _) in enumerate(self.sides):
+            own = draws.of(gap)
+            beside = self.beside_crossings(side, own)  # the same at every stride
+            ages.append(
+                [
+                    self.ages_before(side, records, self.starts, own, stride, beside)
+                    for stride in strides
+                ]
+            )
+        return np.ascontiguousarray(np.array(ages, np.float32).swapaxes(0, 1))
 
     def ages_before(
-        self, side: int, records: Vector, starts: NDArray[np.int64], draws: Draws, stride: int = 1
-    ) -> Vector:
+        self, side: int, records: Vector, starts: NDArray[np.int64], draws: Draws, stride: int = 1,
+        beside: BesideCrossings | None = None,
+    ) -> Vector:  # fmt: skip
         """Ages (levels, paths, starts) of crossings of the stop of one side.
 
         They are put at the samples `starts` of records; the draws (paths, starts) are those of the
-        gap.
+        gap, and lead to what is `beside` the noise.
         """
         gap, near, far = self.sides[side]
         ages = np.empty((len(near), *draws.units.shape))
-        states = sines = shocks = None
-        if self.beside.number:
-            found = [self.crossings(side, draws, level) for level in range(len(near))]
-            known = (np.ascontiguousarray(each) for each in map(np.array, zip(*found, strict=True)))
-            states = StatesAtCrossings(*known)
-            if isinstance(self.beside, Sines):
-                waves = self.beside.waves
-                parts = (np.ascontiguousarray(each) for each in (waves.real, waves.imag))
-                sines = Waves(self.beside.omega, *parts)
-            else:
-                moved = self._turn(side) * self.beside.responses
-                shocks = ShockResponses(np.ascontiguousarray(moved))
         outcrossing_ages(
             records, starts, self.motions[gap].speed * draws.units, self._looking_back[gap], gap,
-            self.plan.step, stride, near, far, states, sines, shocks, ages,
+            self.plan.step, stride, near, far, *(beside or self.beside_crossings(side, draws)),
+            ages,
         )  # fmt: skip
         return ages
+
+    def beside_crossings(self, side: int, draws: Draws) -> BesideCrossings:
+        """What is beside the noise at the crossings of the stop of one side."""
+        if not self.beside.number:
+            return None, None, None
+        levels = range(len(self.sides[side][1]))
+        found = [self.crossings(side, draws, level) for level in levels]
+        known = (np.ascontiguousarray(each) for each in map(np.array, zip(*found, strict=True)))
+        states = StatesAtCrossings(*known)
+        if isinstance(self.beside, Sines):
+            waves = self.beside.waves
+            parts = (np.ascontiguousarray(each) for each in (waves.real, waves.imag))
+            return states, Waves(self.beside.omega, *parts), None
+        moved = self._turn(side) * self.beside.responses
+        return states, None, ShockResponses(np.ascontiguousarray(moved))
 
     def crossings(self, side: int, draws: Draws, level: int = 0) -> Crossings:
         """Crossings of the stop of one side at one level, from the draws of its gap.
