@@ -548,7 +548,12 @@ class MovingMean:
     def towards(self, side: float) -> MovingMean:
         """The displacement, positive towards a stop of this side; itself where either direction is
         as likely."""
-        return self if side > 0.0 or self.beside.symmetric else self.louder(-1.0)
+        return self if side > 0.0 or self.beside.symmetric else self._turned
+
+    @cached_property
+    def _turned(self) -> MovingMean:
+        """The opposite displacement, with its net of states."""
+        return self.louder(-1.0)
 
     def louder(self, gain: float) -> MovingMean:
         """The displacement under noise and all beside it that are larger by a factor."""
