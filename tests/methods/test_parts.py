@@ -79,7 +79,7 @@ from stochvi.scenes.impact_laws.rigid import viscoelastic_restitution
 from stochvi.scenes.scene import scene_from
 from stochvi.scenes.structures import Matrices
 from stochvi.testing import assert_agrees
-from support.accuracies import quick_cases
+from support.accuracies import assert_differs, quick_cases
 from support.known import changed, to_toml, values
 from support.pairs import diagonal
 from support.refusals import refusals
@@ -615,8 +615,7 @@ def test_rates_have_a_bias_where_no_impact_can_be_slow(restitution: float) -> No
         estimate = found.impact_pairs["stops"][name]
         assert estimate.bias is not None
         assert_agrees(estimate, known[name].value)
-        with pytest.raises(AssertionError):
-            assert_agrees(estimate, wrong[name].value)
+        assert_differs(estimate, wrong[name].value)
     assert not any("not resolved" in each for each in found.warnings)
 
 
@@ -797,8 +796,7 @@ def test_slow_impacts_have_the_exponent_of_the_mean_power(mean: float, std: floa
     assert_agrees(exponent, corner_exponent(equivalent_restitution(BetaDistribution(mean, std))))
     # neither the mean restitution nor that of the same energy has it
     for other in (mean, math.hypot(mean, std)):
-        with pytest.raises(AssertionError):
-            assert_agrees(exponent, corner_exponent(other))
+        assert_differs(exponent, corner_exponent(other))
 
 
 def test_the_equivalent_restitution_lies_between_power_means() -> None:
@@ -1208,10 +1206,7 @@ def test_between_impacts_it_is_that_of_springs_and_dampers_along_paths() -> None
         found = method(scene)
         known = simulated_of_stops(scene)
         assert_agrees(known, acceleration(found).value)
-        with pytest.raises(AssertionError):
-            assert_agrees(
-                simulated_of_stops(mount(restitution, reach=2.0)), acceleration(found).value
-            )
+        assert_differs(simulated_of_stops(mount(restitution, reach=2.0)), acceleration(found).value)
         assert any("between impacts" in text for text in found.assumptions)
 
 

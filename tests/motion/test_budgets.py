@@ -22,6 +22,7 @@ from click.testing import CliRunner
 import stochvi.sampling.checkpoints as checkpoints
 from stochvi import (
     ImpactPair,
+    Matrices,
     NotConverged,
     Oscillator,
     Restitution,
@@ -49,6 +50,7 @@ from stochvi.sampling.calculations import FULL_LANES, GivenUp
 from stochvi.sampling.checkpoints import LONG_SECONDS, Checkpoint
 from stochvi.sampling.run import Run
 from stochvi.sampling.workers import pool_of
+from stochvi.scenes import Pulses
 from stochvi.scenes.datasets import shipped_scene, zoo_files
 from stochvi.scenes.excitations import ConstantLoad
 from stochvi.testing import assert_agrees
@@ -78,13 +80,32 @@ def test_a_late_block_that_is_not_needed_is_left_out() -> None:
         averages_in_time(plan_of(20.0), 3, 64, 64, LATE)
 
 
+SCATTERED = Restitution(coefficient={"mean": 0.5, "std": 0.25})
+
+
+def drawn(structure: Any, on: str, *excitations: Any) -> Scene:
+    pair = ImpactPair(on=on, lower=-1.0, upper=1.0, law=SCATTERED)
+    return Scene(structure=structure, impact_pairs=[pair], excitations=excitations)
+
+
+ONE = Oscillator(mass=1.0, damping=0.1, stiffness=1.0)
+TWO = Matrices(
+    coordinates=["x", "z"], mass=np.eye(2), damping=0.1 * np.eye(2), stiffness=np.diag([1.0, 2.0])
+)
+DRAWN = {
+    "pulses": drawn(ONE, "x", Pulses(rate=0.7, impulse=0.5), WhiteNoise(intensity=0.1)),
+    "scatter": drawn(ONE, "x", WhiteNoise(intensity=0.2)),
+    "scatter of two": drawn(TWO, "x", *(WhiteNoise(intensity=0.2, on=name) for name in "xz")),
+}
+"""Scenes in which numbers of a path are drawn at its impacts or pulses."""
+
 SCENES = {
     "white noise": zoo_files()["lossy-0.5"],
     "stops that give way": zoo_files()["spring-stops"],
     "two masses": shipped_scene("absorber-in-a-box"),
     "tables": shipped_scene("isolator-bumper"),
     "a box": shipped_scene("rigid-box"),
-}
+} | DRAWN
 """Scenes by what is special in their kernels."""
 
 MORE_SCENES = {
@@ -96,7 +117,8 @@ MORE_SCENES = {
 
 
 def short_plan(name: str, refined: bool = False) -> Any:
-    model = model_of(load_scene((SCENES | MORE_SCENES)[name]))
+    scene = (SCENES | MORE_SCENES)[name]
+    model = model_of(scene if isinstance(scene, Scene) else load_scene(scene))
     plan = make_plan(model, None, None, refined)
     duration = {"tables": 2.5 * plan.duration, "a box": 1.5 * plan.duration}.get(
         name, 30 * plan.step

@@ -12,7 +12,6 @@ from typing import Any
 import numba
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
 from stochvi import (
     Elastic,
@@ -37,13 +36,8 @@ from stochvi.engine.compliant_contacts import put_on_stop
 from stochvi.engine.sub_steps import V1, Y1, Responses
 from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.spectra import (
-    Table,
     beyond,
-    bin_amplitudes,
     covariance,
-    gains,
-    stationary_covariance,
-    step_covariance,
 )
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.methods import monte_carlo
@@ -65,7 +59,7 @@ from stochvi.scenes.impact_laws import Law
 from stochvi.scenes.structures import Matrices, RigidBody
 from stochvi.testing import assert_agrees
 from support import CHECKOUT
-from support.accuracies import apart, quick_cases
+from support.accuracies import apart, assert_balanced, assert_differs, assert_same, quick_cases
 from support.boxes import box, scene_with
 from support.known import RIGID_STOPS, oscillator, values
 from support.mounts import two_stages
@@ -192,8 +186,7 @@ def test_an_elastic_absorber_in_a_box_obeys_the_exact_law() -> None:
     assert_agrees(loose["displacement_mean_square"], 1.0 + 1.0 / 3.0)
     assert_agrees(response.impact_pairs["box"]["collision_rate"], 1.32314185710031)
     assert structure["displacement_std"].bias == 0.0
-    for residual in response.identities.values():
-        assert_agrees(residual, 0.0)
+    assert_balanced(response)
 
 
 LOSSY = {
@@ -256,42 +249,7 @@ def chain(count: int, restitution: float) -> Scene:
 def test_a_chain_keeps_its_balances(count: int, paths: int) -> None:
     response = simulate(chain(count, 0.7), paths=paths, seed=5)
     assert len(response.identities) == 2 + count
-    for residual in response.identities.values():
-        assert_agrees(residual, 0.0)
-
-
-def test_a_chain_between_elastic_stops_obeys_the_gibbs_law() -> None:
-    """Noise matched to the damping, two pairs: against the density integrated on a grid."""
-    names = ["a", "b"]
-    tri = np.array([[2.0, -1.0], [-1.0, 2.0]])
-    law = Restitution(coefficient=1.0)
-    scene = Scene(
-        structure=Matrices(
-            coordinates=names, mass=np.diag([1.0, 0.4]), damping=np.diag([0.1, 0.3]), stiffness=tri
-        ),
-        impact_pairs=[
-            ImpactPair(name="stops", on="a", lower=-0.7, upper=0.9, law=law),
-            ImpactPair(name="gap", between=names, lower=-0.5, upper=1.0, law=law),
-        ],
-        excitations=[
-            WhiteNoise(on="a", intensity=0.2),
-            WhiteNoise(on="b", intensity=0.6),
-        ],
-    )
-    assert model_of(scene).temperature == pytest.approx(1.0)
-    nodes, weights = np.polynomial.legendre.leggauss(80)
-    a, wa = 0.1 + 0.8 * nodes, weights
-    y, wy = 0.25 + 0.75 * nodes, weights
-    grid_a, grid_y = np.meshgrid(a, y, indexing="ij")
-    grid_b = grid_a - grid_y
-    density = np.exp(-(grid_a**2 + grid_b**2 - grid_a * grid_b)) * np.outer(wa, wy)
-    density /= density.sum()
-    response = simulate(scene, rel_error=0.02, seed=6)
-    for name, grid in (("a", grid_a), ("b", grid_b)):
-        found = response.coordinates[name]
-        assert_agrees(found["displacement_mean"], float((grid * density).sum()))
-        assert_agrees(found["displacement_mean_square"], float((grid**2 * density).sum()))
-    assert_agrees(response.coordinates["b"]["velocity_mean_square"], 1.0 / 0.4)
+    assert_balanced(response)
 
 
 def test_two_modes_far_apart_stay_exact() -> None:
@@ -308,29 +266,7 @@ def test_two_modes_far_apart_stay_exact() -> None:
     response = simulate(scene, paths=256, duration=40.0, seed=7)
     assert_agrees(response.coordinates["a"]["velocity_mean_square"], 1.0)
     assert_agrees(response.coordinates["b"]["velocity_mean_square"], 1.0)
-    for residual in response.identities.values():
-        assert_agrees(residual, 0.0)
-
-
-def test_two_pairs_on_one_coordinate_are_the_tighter_of_their_stops() -> None:
-    inner = ImpactPair(name="upper", on="x", upper=0.6, law=Restitution(coefficient=0.8))
-    outer = ImpactPair(
-        name="lower", on="x", lower=-1.0, upper=5.0, law=Restitution(coefficient=0.8)
-    )
-    scene = oscillator(-1.0, 0.6, 0.8).model_copy(update={"impact_pairs": (inner, outer)})
-    both, one = (
-        simulate(scene, rel_error=0.01, seed=8),
-        simulate(oscillator(-1.0, 0.6, 0.8), rel_error=0.01, seed=9),
-    )
-    for name in ("displacement_std", "velocity_std", "displacement_mean"):
-        ours, other = both.coordinates["x"][name], one.coordinates["x"][name]
-        assert ours is not None and other is not None
-        apart = Estimate(
-            value=ours.value - other.value,
-            standard_error=math.hypot(ours.standard_error, other.standard_error),
-            bias=(ours.bias or 0.0) + (other.bias or 0.0),
-        )
-        assert_agrees(apart, 0.0)
+    assert_balanced(response)
 
 
 # ---- signals ---------------------------------------------------------------------------------
@@ -389,15 +325,9 @@ def test_states_and_synthesis_agree(case: list) -> None:
     other = simulate(loaded([*case, FAINT], 1.0), rel_error=0.01, seed=12)
     assert "modal" in ours.assumptions[-2] and "response" in other.assumptions[-2]
     for key, estimate in ours.estimates().items():
-        twin = other.estimates()[key]
-        apart = Estimate(
-            value=estimate.value - twin.value,
-            standard_error=math.hypot(estimate.standard_error, twin.standard_error),
-            bias=(estimate.bias or 0.0) + (twin.bias or 0.0),
-        )
-        assert_agrees(apart, 0.0)
-    for residual in (*ours.identities.values(), *other.identities.values()):
-        assert_agrees(residual, 0.0)
+        assert_same(estimate, other.estimates()[key])
+    assert_balanced(ours)
+    assert_balanced(other)
 
 
 # ---- the parts -------------------------------------------------------------------------------
@@ -462,19 +392,6 @@ def test_a_gap_put_on_its_stop_lies_there_at_rest(side: float) -> None:
         assert gaps[V1, pair] == pytest.approx(0.0, abs=1e-12)
         assert rows @ state[:3, 0] == pytest.approx(gaps[Y1], abs=1e-12)
         assert rows @ state[3:, 0] == pytest.approx(gaps[V1], abs=1e-12)
-
-
-def test_step_covariances_add_up_to_the_stationary_one() -> None:
-    generator = np.array([[0.0, 1.0], [-4.0, -0.3]])
-    noise = np.diag([0.0, 0.7])
-    stationary = stationary_covariance(generator, noise)
-    assert step_covariance(generator, noise, 400.0) == pytest.approx(
-        stationary, rel=1e-9, abs=1e-12
-    )
-    steps = np.linspace(0.0, 0.5, 4001)
-    grown = [expm(generator * s) @ noise @ expm(generator * s).T for s in steps[::40]]
-    brute = np.trapezoid(grown, steps[::40], axis=0)
-    assert step_covariance(generator, noise, 0.5) == pytest.approx(brute, rel=1e-4, abs=1e-6)
 
 
 def test_one_pair_and_several_share_the_compiled_code() -> None:
@@ -667,8 +584,7 @@ def test_stops_that_give_way_pull_as_well() -> None:
     without = THETA * (B**2 + OMEGA**2)
     found = acceleration(scene)
     assert_agrees(found, math.sqrt(square))
-    with pytest.raises(AssertionError):
-        assert_agrees(found, math.sqrt(without))
+    assert_differs(found, math.sqrt(without))
 
 
 def test_linear_accelerations_are_those_of_closed_form_and_simulation() -> None:
@@ -737,53 +653,6 @@ def mount(law: Law | None, matrices: bool, more: tuple = ()) -> Scene:
 # ---- frequency integrals ---------------------------------------------------------------------
 
 
-def structure() -> tuple[np.ndarray, np.ndarray, list]:
-    """Modal stiffness, damping (which couples the modes), and the truck's forces."""
-    modes = model_of(without_pairs(two_stages(SOFT, SOFT))).modal
-    assert abs(modes.damping[0, 1]) > 1e-3 * abs(modes.damping[0, 0])
-    return np.diag(modes.squares), modes.damping, list(modes.tables)
-
-
-def test_covariances_are_those_of_a_fine_grid() -> None:
-    stiffness, damping, ((table, force),) = structure()
-    f = np.linspace(5.0, 500.0, 400_001)[1:]
-    h = gains(f, stiffness, damping, force)
-    both = np.hstack([h, 2j * np.pi * f[:, None] * h])
-    parts = np.einsum("fi,fj->fij", both, both.conj()).real * table(f)[:, None, None]
-    brute = np.trapezoid(parts, f, axis=0)
-    found = covariance([(table, force)], stiffness, damping)
-    size = np.sqrt(np.outer(np.diag(brute), np.diag(brute)))
-    np.testing.assert_allclose(found / size, brute / size, rtol=0, atol=1e-4)
-
-
-def test_a_wide_flat_table_is_white_noise() -> None:
-    """Against Lyapunov's equation, up to what lies beyond the table."""
-    stiffness, damping, ((_, force),) = structure()
-    wide = Table(frequency_hz=np.array([1e-4, 1e6]), density=np.array([2.0, 2.0]))
-    n = len(force)
-    generator = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -damping]])
-    noise = np.zeros((2 * n, 2 * n))
-    noise[n:, n:] = np.outer(force, force)
-    white = stationary_covariance(generator, noise)
-    found = covariance([(wide, force)], stiffness, damping)
-    size = np.sqrt(np.outer(np.diag(white), np.diag(white)))
-    np.testing.assert_allclose(found / size, white / size, rtol=0, atol=1e-4)
-
-
-def test_bins_hold_all_of_the_response() -> None:
-    stiffness, damping, ((table, force),) = structure()
-    waves, velocities = bin_amplitudes(table, force, stiffness, damping, 10.0, 5002)
-    whole = covariance([(table, force)], stiffness, damping)
-    n = len(force)
-    np.testing.assert_allclose(np.sum(np.abs(waves) ** 2, axis=0), np.diag(whole)[:n], rtol=1e-6)
-    np.testing.assert_allclose(velocities.sum(axis=0), np.diag(whole)[n:], rtol=1e-6)
-    # modes together: the phases are those of the middle of a bin
-    cross = np.sum((waves[:, 0] * waves[:, 1].conj()).real)
-    assert cross == pytest.approx(whole[0, 1], rel=2e-3)
-    _, left = beyond([(table, force)], stiffness, damping, np.eye(n))
-    np.testing.assert_allclose(left[0], np.diag(whole)[n:], rtol=1e-9)
-
-
 def test_a_rough_law_knows_of_tables() -> None:
     modes = model_of(without_pairs(two_stages(SOFT, SOFT))).modal
     law = linear_law(modes)
@@ -816,8 +685,7 @@ def test_without_stops_the_variances_are_exact(white: bool) -> None:
             estimate = found[quantity]
             assert_agrees(estimate, known)
             assert estimate.standard_error < 0.03 * known
-    for residual in response.identities.values():
-        assert_agrees(residual, 0.0)
+    assert_balanced(response)
 
 
 # ---- what comes with a table ------------------------------------------------------------------
@@ -839,9 +707,8 @@ def test_what_comes_with_a_table_is_a_state(more: object, monkeypatch) -> None:
     twin = simulate(scene, paths=96, duration=20.0, seed=5).estimates()
     for key, estimate in ours.estimates().items():
         if key in twin and estimate.bias is not None and twin[key].bias is not None:
-            assert_agrees(apart(estimate, twin[key]), 0.0)
-    for residual in ours.identities.values():
-        assert_agrees(residual, 0.0)
+            assert_same(estimate, twin[key])
+    assert_balanced(ours)
 
 
 def test_half_the_company_is_told_from_it() -> None:
@@ -853,8 +720,7 @@ def test_half_the_company_is_told_from_it() -> None:
         for more in (COMPANY["filtered"], faint)
     )
     key = ("stops", "impact_speed_rate")
-    with pytest.raises(AssertionError):
-        assert_agrees(apart(one.estimates()[key], two.estimates()[key]), 0.0)
+    assert_differs(apart(one.estimates()[key], two.estimates()[key]), 0.0)
 
 
 # ---- several coordinates ---------------------------------------------------------------------
@@ -883,8 +749,7 @@ def test_a_loose_mass_on_a_shaken_base() -> None:
     response = simulate(
         loose(frequency_hz=[5.0, 40.0], density=[1.0, 1.0], unit="(m/s2)2/Hz"), paths=32, seed=6
     )
-    for residual in response.identities.values():
-        assert_agrees(residual, 0.0)
+    assert_balanced(response)
     box = response.impact_pairs["box"]
     assert abs(box["relative_displacement_mean"].value) < 4.5 * (
         box["relative_displacement_mean"].standard_error + box["relative_displacement_mean"].bias
@@ -1044,8 +909,7 @@ def test_a_mass_that_is_pressed_onto_its_stop(load: float) -> None:
             both = replace(estimate, standard_error=math.hypot(estimate.standard_error, error))
             assert_agrees(both, truth)
             if load < 60.0:
-                with pytest.raises(AssertionError):
-                    assert_agrees(both, 1.3 * truth)
+                assert_differs(both, 1.3 * truth)
     # the impulses (1 + R) m F1 hold the load and the spring, in both
     assert known[0] * 14.0 == pytest.approx(load + 4e4 * known[2], rel=0.01)
 
@@ -1197,7 +1061,6 @@ def test_modes_of_a_slapping_reed_converge_to_200_elements() -> None:
     for name in truth:
         assert_agrees(difference(6, name), 0.0)
     for name in ("rate", "F1", "rms of the tip"):  # one mode is not enough
-        with pytest.raises(AssertionError):
-            assert_agrees(difference(1, name), 0.0)
+        assert_differs(difference(1, name), 0.0)
     errors = {n: abs(difference(n, "F1").value) for n in found}
     assert errors[1] > errors[3] > errors[6]

@@ -65,7 +65,7 @@ from stochvi.results.estimates import Estimate, logarithmic_interval
 from stochvi.scenes.datasets import zoo_files
 from stochvi.scenes.impact_laws import Law
 from stochvi.testing import assert_agrees
-from support.accuracies import quick_cases, rel_errors
+from support.accuracies import assert_differs, quick_cases, rel_errors
 from support.known import P_AT_3, P_AT_4, RARE, TEN_PERIODS, oscillator, values
 from support.naive import kick_flow_kick, normals, uniform, words_of_pairs
 
@@ -152,8 +152,7 @@ def test_splitting_is_unbiased_and_its_levels_count() -> None:
     # the negative controls: the copies of a level for as many paths, one level more or less
     wrong = [trial._replace(chance=trial.chance * 1.25) for trial in trials]
     for bad in (wrong, [trial._replace(chance=trial.chance / 0.2) for trial in trials]):
-        with pytest.raises(AssertionError, match="standard errors"):
-            assert_agrees(estimate(of_repetitions(bad)), P_AT_4)
+        assert_differs(estimate(of_repetitions(bad)), P_AT_4)
 
 
 @quick_cases(("barrier", "start", "truth"), RARE, keep=(1, 2))
@@ -361,24 +360,6 @@ def test_paths_are_those_of_a_plain_twin(lower: float | None, step: float) -> No
     np.testing.assert_allclose(log.events[: log.count[0], 2:], timed, rtol=0, atol=1e-6)
 
 
-def test_digits_do_not_depend_on_blocks() -> None:
-    one = scene_of()
-    for scene in (one, of_two_masses(one.impact_pairs[0])):
-        plan = make_plan(model_of(scene), None, 40.0)
-        whole = plan.averages(4, 0, 48)
-        parts = [plan.averages(4, first, 16) for first in (0, 16, 32)]
-        assert np.array_equal(whole, np.concatenate(parts, axis=1))
-
-
-def test_a_block_may_be_cut_in_time() -> None:
-    plan = make_plan(model_of(scene_of()), None, 40.0)
-    whole, cut = plan.begin(4, 0, 16), plan.begin(4, 0, 16)
-    whole.reach(whole.total)
-    for share in (0.3, 0.7, 1.0):
-        cut.reach(int(share * cut.total / 2) * 2 if share < 1.0 else cut.total)
-    assert np.array_equal(whole.averages(), cut.averages())
-
-
 def test_without_scatter_every_bit_is_that_of_the_plain_law() -> None:
     plain, still = (
         simulate(scene_of(coefficient=each), paths=256, duration=40.0, seed=4).to_frame()
@@ -465,8 +446,7 @@ def test_scatter_that_is_left_out_is_noticed(fault: str, monkeypatch: pytest.Mon
     if fault == "balance":
         assert simulated.identities is not None
         assert_agrees(simulated.identities["virial"], 0.0)
-        with pytest.raises(AssertionError):
-            assert_agrees(simulated.identities["energy"], 0.0)
+        assert_differs(simulated.identities["energy"], 0.0)
     else:
         with pytest.raises(AssertionError):
             assert_same(simulated, known)
@@ -693,5 +673,5 @@ def test_intervals_of_rare_fast_impacts_hold_the_rate_of_fokker_and_planck() -> 
         bias=RARE_BIAS * float(values.mean()) + doubt,
     )  # fmt: skip
     assert_agrees(mean, truth)
-    with pytest.raises(AssertionError):  # the negative control
-        assert_agrees(mean, 1.4 * truth)
+    # the negative control
+    assert_differs(mean, 1.4 * truth)

@@ -54,6 +54,7 @@ from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Elastic, Law, Viscoelastic
 from stochvi.scenes.scene import scene_from
 from stochvi.testing import assert_agrees
+from support.accuracies import assert_balanced, assert_differs
 from support.known import values
 from support.modulated import S0, B, M, W, mean_squares, scene_of
 from support.mounts import COMPANY, MOUNT, TRUCK, bumpered_mount, isolator
@@ -529,8 +530,7 @@ def test_a_stop_a_quarter_softer_is_noticed() -> None:
     """Negative control."""
     truth = values(exact(WHITE["linear"]))
     softer = with_faint_table(white_scene(-1.0, 1.0, Elastic(stiffness=75.0)))
-    with pytest.raises(AssertionError, match="standard errors"):
-        assert_agrees(estimates(softer, 192, 3)["peak_force"], truth["peak_force"])
+    assert_differs(estimates(softer, 192, 3)["peak_force"], truth["peak_force"])
 
 
 # ---- against a brute force on the same noise -------------------------------------------------
@@ -642,8 +642,7 @@ def test_stiff_stops_become_rigid_ones_of_their_restitution(z: float) -> None:
         assert np.abs(stiff).mean() < np.abs(soft).mean()
     # negative control: a soft stop lets the mass further
     error = float(off[0][0].std(ddof=1)) / 8.0
-    with pytest.raises(AssertionError, match="standard errors"):
-        assert_agrees(Estimate(value=float(off[0][0].mean()), standard_error=error, bias=0.0), 0.0)
+    assert_differs(Estimate(value=float(off[0][0].mean()), standard_error=error, bias=0.0), 0.0)
 
 
 @pytest.mark.parametrize("name", COMPANY)
@@ -694,26 +693,10 @@ def test_a_wall_and_a_stop_that_gives_way_balance_too() -> None:
     assert_agrees(Estimate(value=float(residual.mean()), standard_error=error, bias=0.0), 0.0)
     # negative control: a force left out
     left_out = float((x - 2.0 * sums["f1_lower"]).mean())
-    with pytest.raises(AssertionError, match="standard errors"):
-        assert_agrees(Estimate(value=left_out, standard_error=error, bias=0.0), 0.0)
+    assert_differs(Estimate(value=left_out, standard_error=error, bias=0.0), 0.0)
 
 
 # ---- scenes, digits ----------------------------------------------------------------------------
-
-
-def test_forces_are_those_on_the_mass_of_the_scene() -> None:
-    law = Elastic(stiffness=30.0 * MOUNT**2)
-    light, heavy = (
-        simulate(bumpered_mount(law.per_unit_mass(1.0 / mass), mass=mass), paths=64, seed=3)
-        for mass in (1.0, 2.5)
-    )
-    for quantity, factor in (
-        ("peak_force", 2.5),
-        ("contact_force_upper", 2.5),
-        ("collision_rate", 1),
-    ):
-        one, other = (r.impact_pairs["stops"][quantity] for r in (light, heavy))
-        assert other.value == pytest.approx(factor * one.value, rel=1e-6)
 
 
 def test_a_path_may_be_recorded() -> None:
@@ -766,15 +749,14 @@ def flat(of: str, intensity: float, highest: float) -> Modulation:
 def test_a_table_of_filtered_noise_has_the_mean_squares_of_its_equations(of: str) -> None:
     known = mean_squares(Modulation(of=of, **FILTERED))
     found = simulate(scene_of(table_of(of, **FILTERED)), paths=512, duration=200.0, seed=5)
-    for balance in found.identities.values():
-        assert_agrees(balance, 0.0)
+    assert_balanced(found)
     for name, value in zip(
         ("displacement_mean_square", "velocity_mean_square"), known, strict=True
     ):
         assert_agrees(found.coordinates["x"][name], value)
     if of == "stiffness":
-        with pytest.raises(AssertionError):  # the motion without the modulation
-            assert_agrees(found.coordinates["x"]["velocity_mean_square"], S0 / M**2 / (2.0 * B))
+        # the motion without the modulation
+        assert_differs(found.coordinates["x"]["velocity_mean_square"], S0 / M**2 / (2.0 * B))
 
 
 @pytest.mark.slow
@@ -828,8 +810,7 @@ def test_mean_squares_of_a_wide_table_tend_to_those_of_white_noise() -> None:
     narrow = simulate(
         scene_of(flat("stiffness", intensity, 0.4)), paths=512, duration=200.0, seed=4
     )
-    with pytest.raises(AssertionError):
-        assert_agrees(narrow.coordinates["x"]["velocity_mean_square"], known)
+    assert_differs(narrow.coordinates["x"]["velocity_mean_square"], known)
 
 
 def test_bins_of_a_table_hold_all_of_its_variance() -> None:
@@ -874,8 +855,7 @@ def test_other_tables_several_coordinates_records_and_spectra_go_beside_it() -> 
         ],
     )  # fmt: skip
     found = simulate(scene, paths=64, duration=100.0, seed=1)
-    for balance in found.identities.values():
-        assert_agrees(balance, 0.0)
+    assert_balanced(found)
     record = history(scene, duration=20.0, seed=1)
     assert np.isfinite(record.to_frame().to_numpy()).all()
     assert spectrum(scene, rel_error=0.3).to_dict()["method"] == "spectrum:welch"

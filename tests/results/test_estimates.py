@@ -56,6 +56,7 @@ from stochvi.scenes.excitations import FilteredNoise
 from stochvi.scenes.scene import load_scene
 from stochvi.testing import assert_agrees
 from stochvi.views.files import to_json
+from support.accuracies import assert_differs
 from support.known import oscillator
 
 
@@ -230,8 +231,7 @@ def test_a_truth_is_judged_by_the_interval_of_all_errors():
     known = Estimate(value=1.0, standard_error=0.03, bias=0.1, bias_error=0.04)
     assert_agrees(known, 1.1 + 4.49 * 0.05)
     for certain in (replace(known, bias_error=0.0), replace(known, bias=0.0)):
-        with pytest.raises(AssertionError):
-            assert_agrees(certain, 1.1 + 4.49 * 0.05)
+        assert_differs(certain, 1.1 + 4.49 * 0.05)
 
 
 def test_a_bias_is_told_where_it_widens_the_interval():
@@ -555,8 +555,7 @@ def test_few_samples_widen_a_standard_error_to_students() -> None:
 )  # fmt: skip
 def test_a_truth_is_accepted_within_the_stated_errors_alone(within, beyond, error, bias):
     assert_agrees(Estimate(value=within, standard_error=error, bias=bias), 1.0)
-    with pytest.raises(AssertionError):
-        assert_agrees(Estimate(value=beyond, standard_error=error, bias=bias), 1.0)
+    assert_differs(Estimate(value=beyond, standard_error=error, bias=bias), 1.0)
 
 
 def test_z_narrows_the_tolerance():

@@ -71,9 +71,9 @@ from stochvi.scenes.structures import Modes, NonlinearOscillator
 from stochvi.scenes.structures.rigid_body import Mount, RigidBody
 from stochvi.scenes.validation import PYTHON_ONLY, mean_unit, varied
 from stochvi.statistics.crossings import own_distances
-from stochvi.testing import assert_agrees
 from stochvi.verification.check import check, explain
 from stochvi.verification.cost import cost
+from support.accuracies import assert_balanced
 from support.known import DOCUMENT as DOCUMENT_OF_KNOWN
 from support.known import changed, to_toml
 from support.refusals import refusals
@@ -483,8 +483,7 @@ def test_a_box_whose_mount_is_modulated_is_simulated() -> None:
     scene = on_box(box_of(), {"of": "stiffness", "on": "mount 2", "axis": "z"})
     assert "modulation of stiffness by a sine on mount 2 along z" in scene.effects()
     found = simulate(scene, paths=64, duration=20.0, seed=1)
-    for balance in found.identities.values():
-        assert_agrees(balance, 0.0)
+    assert_balanced(found)
 
 
 # ------------------------------------------------------------------------------

@@ -1,5 +1,5 @@
-"""Claims at two prices, whose tolerances come from standard errors at either; the run of a part of
-a calculation, and estimates from samples."""
+"""Claims at two prices, whose tolerances come from standard errors at either; what agrees within
+stated errors, and what must not; estimates from samples; the run of a part of a calculation."""
 
 from __future__ import annotations
 
@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 from _pytest.mark.structures import ParameterSet
 
+from stochvi.results.base import Response
 from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Estimate
 from stochvi.sampling.run import Run
 from stochvi.sampling.workers import pool_of
+from stochvi.testing import assert_agrees
 
 
 def rel_errors(quick: float, fine: float) -> pytest.MarkDecorator:
@@ -65,3 +67,20 @@ def apart(one: Estimate, two: Estimate) -> Estimate:
         standard_error=math.hypot(one.standard_error or 0.0, two.standard_error or 0.0),
         bias=(one.bias or 0.0) + (two.bias or 0.0),
     )
+
+
+def assert_same(one: Estimate, two: Estimate) -> None:
+    """Two independent estimates agree within the errors that both state."""
+    assert_agrees(apart(one, two), 0.0)
+
+
+def assert_differs(estimate: Estimate, wrong: float) -> None:
+    """A control: the estimate is sharp enough to tell a number that is wrong."""
+    with pytest.raises(AssertionError, match="differs from"):
+        assert_agrees(estimate, wrong)
+
+
+def assert_balanced(response: Response) -> None:
+    """All balances of an answer close."""
+    for residual in response.identities.values():
+        assert_agrees(residual, 0.0)

@@ -1,7 +1,7 @@
 """Friction at stops in the plainest way, which shares nothing with `engine.friction`.
 
 An impact is integrated over its impulse in small steps: Coulomb's law, and the work of the normal
-force for the end. A contact with a compliant stop is integrated from event to event.
+force for the end. A motion between stops is integrated from event to event.
 """
 
 from __future__ import annotations
@@ -46,29 +46,92 @@ def small_steps(
     raise AssertionError("the impact has no end")
 
 
-class ContactByEvents:
-    """A path by an integrator that ends at every event: a touch, a leaving, the end of a slide, and
-    where friction no longer bears what drives a contact that sticks.
-
-    The first coordinate moves between a lower and an upper stop, and the second along them.
-    """
+class ByEvents:
+    """A path by an integrator that ends at every event. The first coordinate moves between a lower
+    and an upper stop, and the second along them."""
 
     def __init__(
         self, law: Any, mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray,
-        places: tuple[float, float], forces: Callable[[float], np.ndarray],
+        places: tuple[float, float], driving: Callable[[float], np.ndarray] | None = None,
     ) -> None:  # fmt: skip
-        self.law, self.mode, self.side = law, "free", 1.0
+        self.law, self.friction = law, law.friction or 0.0
         self.damping, self.stiffness = damping, stiffness
         self.lower, self.upper = places
-        self.driving, self.n = forces, len(mass)
+        self.driving, self.n = driving, len(mass)
         self.inverse = np.linalg.inv(mass)
-        self.damper = law.damping(1.0 / self.inverse[0, 0])
-        self.friction = law.friction or 0.0
-        self.kinds = set[str]()
 
     def forces(self, t: float, s: np.ndarray) -> np.ndarray:
         total = self.driving(t) - self.stiffness @ s[: self.n]
         return np.asarray(total - self.damping @ s[self.n : 2 * self.n])
+
+    def rates(self, t: float, s: np.ndarray) -> np.ndarray:
+        return np.concatenate([s[self.n :], self.inverse @ self.forces(t, s)])
+
+    def touches(self) -> list[Any]:
+        return [ending(lambda t, s: s[0] - self.upper, 1.0),
+                ending(lambda t, s: self.lower - s[0], 1.0)]  # fmt: skip
+
+    def flown(self, s: np.ndarray, times: np.ndarray, **how: Any) -> np.ndarray:
+        """States at the times, from that at time 0."""
+        t, found = 0.0, np.zeros((len(times), len(s)))
+        while t < times[-1]:
+            solved = solve_ivp(
+                self.rates, (t, times[-1] + 1e-9), s, events=self.events(), atol=1e-12,
+                dense_output=True, **how,
+            )  # fmt: skip
+            inside = (times > t) & (times <= solved.t[-1])
+            if inside.any():
+                found[inside] = solved.sol(times[inside]).T
+            t, s = float(solved.t[-1]), solved.y[:, -1].copy()
+            if solved.status:
+                self.change([len(each) > 0 for each in solved.t_events].index(True), t, s)
+        return found
+
+
+def ending(function: Any, direction: float) -> Any:
+    """An event that ends an integration."""
+    function.terminal, function.direction = True, direction
+    return function
+
+
+class ImpactsByEvents(ByEvents):
+    """Between rigid stops: impacts are those of small steps, and end stuck or sliding."""
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self.kinds = list[str]()
+
+    def events(self) -> list[Any]:
+        return self.touches()
+
+    def change(self, which: int, t: float, s: np.ndarray) -> None:
+        n, side = self.n, 1.0 if which == 0 else -1.0
+        turned = self.inverse[:2, :2] * np.array([[1.0, side], [side, 1.0]])
+        fine, coarse = (
+            np.array(small_steps(
+                turned, side * s[n], s[n + 1], self.law.coefficient, self.friction, number
+            ))
+            for number in (40_000, 20_000)
+        )  # fmt: skip
+        w, u = 2.0 * fine - coarse if fine[1] * coarse[1] > 0.0 else fine
+        self.kinds.append("stuck" if u == 0.0 else "slid")
+        # the impulses that make these changes move the others too
+        change = np.linalg.solve(self.inverse[:2, :2], [side * w - s[n], u - s[n + 1]])
+        s[n:] += self.inverse[:, :2] @ change
+
+    def path(self, start: np.ndarray, times: np.ndarray) -> np.ndarray:
+        return self.flown(start, times, rtol=1e-10)
+
+
+class ContactByEvents(ByEvents):
+    """Between compliant stops: a touch, a leaving, the end of a slide, and where friction no longer
+    bears what drives a contact that sticks."""
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self.mode, self.side = "free", 1.0
+        self.damper = self.law.damping(1.0 / self.inverse[0, 0])
+        self.kinds = set[str]()
 
     def normal(self, s: np.ndarray) -> float:
         """Force of the stop, below 0 where it would pull."""
@@ -95,21 +158,16 @@ class ContactByEvents:
         along = s[self.n + 1]
         return np.concatenate([s[self.n : 2 * self.n], self.inverse @ total, [-rubs * along]])
 
-    def events(self) -> list[Callable[[float, np.ndarray], float]]:
-        def of(function: Any, direction: float) -> Any:
-            function.terminal, function.direction = True, direction
-            return function
-
+    def events(self) -> list[Any]:
         if self.mode == "free":
-            return [of(lambda t, s: s[0] - self.upper, 1.0),
-                    of(lambda t, s: self.lower - s[0], 1.0)]  # fmt: skip
-        ends = of(lambda t, s: self.normal(s), -1.0)
+            return self.touches()
+        ends = ending(lambda t, s: self.normal(s), -1.0)
         if self.mode == "sticks":
             bound = self.friction
             return [
-                ends, of(lambda t, s: abs(self.holding(t, s)) - bound * self.normal(s), 1.0)
+                ends, ending(lambda t, s: abs(self.holding(t, s)) - bound * self.normal(s), 1.0)
             ]  # fmt: skip
-        return [ends, of(lambda t, s: float(self.mode) * s[self.n + 1], -1.0)]
+        return [ends, ending(lambda t, s: float(self.mode) * s[self.n + 1], -1.0)]
 
     def change(self, which: int, t: float, s: np.ndarray) -> None:
         along = self.n + 1
@@ -129,16 +187,4 @@ class ContactByEvents:
 
     def path(self, start: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Displacements, their rates, and what friction took (times, 2 n + 1)."""
-        t, s, found = 0.0, np.append(start, 0.0), np.zeros((len(times), 2 * self.n + 1))
-        while t < times[-1]:
-            solved = solve_ivp(
-                self.rates, (t, times[-1] + 1e-9), s, events=self.events(), rtol=1e-9,
-                atol=1e-12, dense_output=True, max_step=0.02,
-            )  # fmt: skip
-            inside = (times > t) & (times <= solved.t[-1])
-            if inside.any():
-                found[inside] = solved.sol(times[inside]).T
-            t, s = float(solved.t[-1]), solved.y[:, -1].copy()
-            if solved.status:
-                self.change([len(each) > 0 for each in solved.t_events].index(True), t, s)
-        return found
+        return self.flown(np.append(start, 0.0), times, rtol=1e-9, max_step=0.02)

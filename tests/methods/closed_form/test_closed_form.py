@@ -27,7 +27,7 @@ from stochvi.scenes.impact_laws import Elastic, ForceTable, Hertz, Restitution, 
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, NonlinearOscillator, Oscillator
 from stochvi.testing import assert_agrees
-from support.accuracies import quick_cases
+from support.accuracies import assert_differs, quick_cases
 from support.known import BENCH, ELASTIC_STOPS, NATURAL, RIGID_STOPS, Units, oscillator, values
 
 PRINTED = 1e-13
@@ -628,8 +628,7 @@ def test_recorded_paths_have_the_autocorrelation(case, lag):
         standard_error=float(stretches.std(ddof=1) / math.sqrt(200)),
     )
     assert_agrees(estimate, float(autocorrelation(case, shift * step)))
-    with pytest.raises(AssertionError):
-        assert_agrees(estimate, float(autocorrelation(case, 0.5 * shift * step)))
+    assert_differs(estimate, float(autocorrelation(case, 0.5 * shift * step)))
 
 
 def test_other_scenes_have_no_known_autocorrelation():
@@ -681,5 +680,4 @@ def test_the_gibbs_law_holds_at_every_number_of_modes(count: int) -> None:
 def test_noise_that_is_not_matched_is_noticed() -> None:
     known = exact(matched(3)).impact_pairs["stops"].collision_rate
     found = simulate(matched(3, raised=2.0), paths=16, duration=20.0, seed=7)
-    with pytest.raises(AssertionError):
-        assert_agrees(found.impact_pairs["stops"].collision_rate, known.value)
+    assert_differs(found.impact_pairs["stops"].collision_rate, known.value)

@@ -52,7 +52,7 @@ from stochvi.model.model import model_of
 from stochvi.results import NoExactSolution
 from stochvi.scenes import NonlinearOscillator
 from stochvi.testing import assert_agrees
-from support.accuracies import quick_cases
+from support.accuracies import assert_differs, quick_cases
 from support.known import BENCH, ELASTIC_STOPS, NATURAL, RIGID_STOPS, RigidStops, oscillator, values
 from support.weighted_ensemble import rates_above
 
@@ -202,8 +202,7 @@ def test_the_stated_bias_of_a_simulation_covers_slow_impacts(name: str, quantity
     difference = differences(SIMULATED[name], paths=16384)["stops", quantity]
     assert_agrees(difference, 0.0)
     of_second_order = (math.sqrt(2.0) - 1.0) / 3.0 * difference.bias
-    with pytest.raises(AssertionError, match="standard errors"):
-        assert_agrees(replace(difference, bias=of_second_order), 0.0)
+    assert_differs(replace(difference, bias=of_second_order), 0.0)
 
 
 # Symmetries ---------------------------------------------------------------------------------
@@ -814,11 +813,10 @@ def test_rates_of_fast_impacts_on_inelastic_stops(name: str) -> None:
         assert_agrees(judge, rate.value)
     faster = fokker_planck(scene, speed_threshold=1.1 * speeds[1]).impact_pairs["stops"]
     assert faster.collision_rate is not None
-    with pytest.raises(AssertionError):
-        assert_agrees(
-            Estimate(value=sampled[1], standard_error=errors[1], bias=0.02 * sampled[1]),
-            faster.collision_rate.value,
-        )
+    assert_differs(
+        Estimate(value=sampled[1], standard_error=errors[1], bias=0.02 * sampled[1]),
+        faster.collision_rate.value,
+    )
 
 
 def test_no_mean_speed_that_the_counted_impacts_cannot_have() -> None:

@@ -165,6 +165,9 @@ def test_two_pairs_in_a_table_are_their_own_linearisation() -> None:
     assert response.estimates()["a", "displacement_std"].bias is None
 
 
+ENDS = [(-0.5, 0.9), (-1.0, 1.0), (None, 0.6), (-0.6, None), (None, -0.2)]
+
+
 @quick_cases("law", [Restitution(coefficient=0.7), LOSSY, Hertz(coefficient=60.0)], keep=(0, 1))
 def test_one_mass_is_answered_as_an_oscillator(law: Law) -> None:
     """Also as an isolator on a shipped environment, in millimetres and kilograms."""
@@ -175,18 +178,19 @@ def test_one_mass_is_answered_as_an_oscillator(law: Law) -> None:
         stiff = Elastic(stiffness=4e5)
     band = TabulatedNoise(on="x", frequency_hz=[0.05, 2.0], density=[0.8, 0.4], unit="N2/Hz")
     truck = TabulatedNoise(on="base", profile="mil-std-810h-truck-vertical-5hz")
-    for structure, noise, hit, unit in (
-        (oscillator, [WhiteNoise(intensity=0.2), ConstantLoad(force=0.4)], law, 1.0),
-        (oscillator, [band], law, 1.0),
-        (isolator, [truck], stiff, 3e-3),
-    ):
+    white = WhiteNoise(intensity=0.2)
+    cases = [(oscillator, [band], law, (-0.5, 0.9)), (isolator, [truck], stiff, (-1.5e-3, 2.7e-3))]
+    for ends in ENDS if law.rigid else ENDS[:1]:
+        cases.append((oscillator, [white, ConstantLoad(force=0.4)], law, ends))
+        cases.append((oscillator, [white], law, ends))
+    for structure, noise, hit, (lower, upper) in cases:
         matrix = Matrices(
             coordinates=["x"],
             mass=structure.matrices[0].tolist(),
             damping=structure.matrices[1].tolist(),
             stiffness=structure.matrices[2].tolist(),
         )
-        stops = [ImpactPair(lower=-0.5 * unit, upper=0.9 * unit, law=hit)]
+        stops = [ImpactPair(lower=lower, upper=upper, law=hit)]
         expected, found = (
             linearise(Scene(structure=each, impact_pairs=stops, excitations=noise)).estimates()
             for each in (structure, matrix)
@@ -194,8 +198,9 @@ def test_one_mass_is_answered_as_an_oscillator(law: Law) -> None:
         deviation = expected["x", "displacement_std"].value
         for key in found.keys() & expected.keys():
             scale = deviation if key[1] == "displacement_mean" else abs(expected[key].value)
-            # two quadratures over the table, each to some 1e-9
-            assert abs(found[key].value - expected[key].value) < 1e-7 * scale, key
+            # two quadratures over a table, each to some 1e-9
+            near = 1e-8 * scale + 1e-14 if white in noise and law.rigid else 1e-7 * scale
+            assert abs(found[key].value - expected[key].value) < near, key
 
 
 # Compliant stops ---------------------------------------------------------------------------
@@ -599,39 +604,6 @@ def test_a_box_that_loses_nothing_is_answered_exactly() -> None:
     # with a loss its error is that of an atlas
     lossy = linearise(absorber_in_a_box(0.8)).estimates()
     assert lossy["structure", "displacement_std"].bias > 0.0
-
-
-@pytest.mark.parametrize(
-    "stops",
-    [
-        {"lower": -1.0, "upper": 1.0},
-        {"lower": -0.5, "upper": 1.0},
-        {"upper": 0.6},
-        {"lower": -0.6},
-        {"upper": -0.2},
-    ],
-    ids=str,
-)
-@pytest.mark.parametrize("load", [0.0, 0.3])
-def test_one_mass_is_answered_as_an_oscillator_several(
-    stops: dict[str, float], load: float
-) -> None:
-    law = Restitution(coefficient=0.7)
-    pushed = [ConstantLoad(force=load)] if load else []
-    alone = Scene(
-        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
-        impact_pairs=[ImpactPair(law=law, **stops)],
-        excitations=[WhiteNoise(intensity=0.2), *pushed],
-    )
-    matrix = Scene(
-        structure=Matrices(coordinates=["x"], mass=[[1.0]], damping=[[0.1]], stiffness=[[1.0]]),
-        impact_pairs=[ImpactPair(law=law, **stops)],
-        excitations=[WhiteNoise(intensity=0.2), *pushed],
-    )
-    expected, found = linearise(alone).estimates(), linearise(matrix).estimates()
-    for key, estimate in found.items():
-        scale = abs(expected[key].value) + 1e-6
-        assert abs(estimate.value - expected[key].value) < 1e-8 * scale, key
 
 
 def random_scene(number: int) -> Scene:

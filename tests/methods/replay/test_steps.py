@@ -35,7 +35,7 @@ from stochvi.scenes import BoucWen, Coulomb, Duffing, Hertz
 from stochvi.scenes.impact_laws import Law
 from support.commands import Run, one_document
 from support.known import to_toml
-from support.rubbing import ContactByEvents, small_steps
+from support.rubbing import ContactByEvents, ImpactsByEvents
 
 FS = 400.0
 TIMES = np.arange(int(12.0 * FS)) / FS
@@ -133,48 +133,19 @@ def test_compliant_stops_rub_as_an_integrator_by_events_has_it(
 def test_rigid_stops_rub_as_an_integrator_by_events_has_it(
     tmp_path: Path, coordinates: int, coupled: float
 ) -> None:
-    n, friction = coordinates, 0.8
-    mass, damping, stiffness = matrices(n, coupled)
-    inverse = np.linalg.inv(mass)
-
-    def rates(t: float, s: np.ndarray) -> np.ndarray:
-        return np.concatenate([s[n:], inverse @ (both(t, n) - damping @ s[n:] - stiffness @ s[:n])])
-
-    stops: list[Any] = [lambda t, s: s[0] - 0.5, lambda t, s: s[0] + 0.4]
-    for stop, way in zip(stops, (1.0, -1.0), strict=True):
-        stop.terminal, stop.direction = True, way
-    t, s, known, kinds = 0.0, np.zeros(2 * n), np.zeros((len(TIMES), 2)), []
-    while t < TIMES[-1]:
-        solved = solve_ivp(
-            rates, (t, TIMES[-1] + 1e-9), s, events=stops, rtol=1e-10, atol=1e-12,
-            dense_output=True,
-        )  # fmt: skip
-        inside = np.flatnonzero((t < TIMES) & (solved.t[-1] >= TIMES))
-        if len(inside):
-            known[inside] = solved.sol(TIMES[inside])[:2].T
-        t, s = float(solved.t[-1]), solved.y[:, -1].copy()
-        if not solved.status:
-            break
-        side = math.copysign(1.0, s[0])
-        turned = inverse[:2, :2] * np.array([[1.0, side], [side, 1.0]])
-        fine, coarse = (
-            np.array(small_steps(turned, side * s[n], s[n + 1], 0.85, friction, number))
-            for number in (40_000, 20_000)
-        )
-        w, u = 2.0 * fine - coarse if fine[1] * coarse[1] > 0.0 else fine
-        kinds.append("stuck" if u == 0.0 else "slid")
-        # the impulses that make these changes move the others too
-        change = np.linalg.solve(inverse[:2, :2], [side * w - s[n], u - s[n + 1]])
-        s[n:] += inverse[:, :2] @ change
+    law = Restitution(coefficient=0.85, friction=0.8)
+    judge = ImpactsByEvents(
+        law, *matrices(coordinates, coupled), (-0.4, 0.5), lambda t: both(t, coordinates)
+    )
+    known, kinds = judge.path(np.zeros(2 * coordinates), TIMES), judge.kinds
     assert len(kinds) > 10 and set(kinds) == {"stuck", "slid"}
-    scene = rubbing(tmp_path, Restitution(coefficient=0.85, friction=friction), n, coupled)
-    found = replay(scene)
+    found = replay(rubbing(tmp_path, law, coordinates, coupled))
     assert found.histories is not None
     assert float(found.impact_pairs["stops"].hits) == len(kinds)
     for k, name in enumerate("xy"):
         error = np.abs(found.histories.displacement[name] - known[:, k])
         assert error.max() < 2e-3 * np.abs(known[:, k]).max()
-    smooth = replay(rubbing(tmp_path, Restitution(coefficient=0.85), n, coupled, friction=False))
+    smooth = replay(rubbing(tmp_path, law.replace(friction=None), coordinates, coupled, False))
     assert smooth.histories is not None
     assert np.abs(smooth.histories.displacement["y"] - known[:, 1]).max() > 0.05
 
