@@ -336,7 +336,8 @@ def _listed(numbers: list[float]) -> str:
 def schema(of: str) -> None:
     """Print the JSON Schema of scene files or of answers.
 
-    An editor completes and checks the keys of a scene file by it.
+    An editor completes and checks the keys of a scene file by it. Kinds that other packages add are
+    not in it.
     """
     from stochvi.views.files import write_json
 

@@ -391,8 +391,8 @@ def to_xarray(
 
 
 def _with_units_of_rows(found: xr.Dataset, table: DataFrame) -> xr.Dataset:
-    """The Dataset of a table whose rows state their units, with these as attributes of the values
-    where all are the same, else along the names of quantities alone."""
+    """The Dataset with the units that rows state: attributes of the values where all are the same,
+    else a coordinate along quantities."""
     named = [str(each) for each in found.dims if each in table and table[each].dtype.kind == "O"]
     if table["unit"].nunique() == 1:
         for name in (each for each in OF_A_VALUE if each in found):
