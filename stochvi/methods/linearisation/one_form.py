@@ -876,7 +876,9 @@ class LinearisedStructure:
 
 
 @calculation
-def linearised_structures(scene: Scene) -> tuple[LinearisedStructure, ...]:
+def linearised_structures(
+    scene: Scene, *, budget: float | None = None
+) -> tuple[LinearisedStructure, ...]:
     """The linear structures that stand for a scene in `linearise`, one for every solution.
 
     Parameters
@@ -884,6 +886,8 @@ def linearised_structures(scene: Scene) -> tuple[LinearisedStructure, ...]:
     scene
         Any scene that `linearise` covers by the closure. A loose mass in a box, too, gets the
         springs and dampers of the closure.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Returns
     -------
@@ -929,7 +933,7 @@ def linearised_structures(scene: Scene) -> tuple[LinearisedStructure, ...]:
         raise NotApplicable("linearise", conditions)
     modes = model.modal
     found = []
-    for one in solutions(model):
+    for one in solutions(model, Deadline.after(budget)):
         stops = {
             gap.pair.name: gap.substitute(candidate)
             for gap, candidate in zip(one.gaps, one.candidates, strict=True)
