@@ -583,7 +583,7 @@ class PolynomialDamper(DamperForce):
 
     @model_validator(mode="after")
     def _brakes(self) -> Self:
-        if not self.coefficients[-1] > 0.0:
+        if not self.coefficients or not self.coefficients[-1] > 0.0:
             raise ValueError(
                 "needs coefficients whose last one is positive, so that the damper takes energy, "
                 f"got {list(self.coefficients)}"

@@ -443,6 +443,8 @@ def read_record(
     (100, 'g')
     """
     path = Path(path) if isinstance(path, str) else path
+    if not isinstance(path, Path | Frame):
+        raise ValueError(f"path must be a file or a Frame, got {path!r:.60}")
     identity = 0, 0, 0
     with contextlib.suppress(OSError, ValueError):  # what reads it says why
         if isinstance(path, Path):

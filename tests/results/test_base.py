@@ -64,6 +64,7 @@ from stochvi.sampling.calculations import calculation
 from stochvi.sampling.run import Run
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.phases import Phase
+from stochvi.scenes.records import read_record
 from stochvi.scenes.scene import scene_from
 from stochvi.statistics.impacts import impacts
 from stochvi.statistics.spectra import spectrum
@@ -720,6 +721,9 @@ def test_parts_that_users_make_and_call_name_a_wrong_argument() -> None:
         (lambda: noise.louder("x"), "level_db must be a number, got 'x'"),
         (lambda: stochvi.spectrum(lossy(), method=np.array([1.0])),
          "method must be a text, got an array"),
+        (lambda: read_record(3), "path must be a file or a Frame, got 3"),
+        (lambda: stochvi.scenes.PolynomialDamper(coefficients=[]),
+         "needs coefficients whose last one is positive, so that the damper takes energy, got []"),
     ):  # fmt: skip
         with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
             call()
