@@ -41,12 +41,15 @@ from stochvi.views.pages import (
     page_of,
 )
 from stochvi.views.report.sections import (
+    AS_STATED,
+    OF_CLEARANCES,
     clearance_cards,
     excitation_facts,
     pairs_gap_section,
     record_cards,
+    scene_drawn,
 )
-from stochvi.views.schematic import draw_problem, draw_shapes, has_shape
+from stochvi.views.schematic import draw_shapes, has_shape
 from stochvi.views.statistics import (
     FIRST_GAPS,
     STARTS,
@@ -183,12 +186,10 @@ def _stops(found: ClearanceAnswer) -> Section:
     if found.several:
         return pairs_gap_section(found)
     made = found.as_made()
-    where = "at the clearance to make" if found.each_made else "as the scene file states them"
+    where = "at the clearance to make" if found.each_made else AS_STATED
     return Section(
         title="Gap and stops",
-        lead="A clearance is the distance of a stop from the static equilibrium, where the mass "
-        "hangs, relative to the base. Positions in a scene file (lower, upper) count from the "
-        "unloaded spring.",
+        lead=f"{OF_CLEARANCES}.",
         facts=[
             *_frequencies(found.resting),
             *(
@@ -202,14 +203,7 @@ def _stops(found: ClearanceAnswer) -> Section:
                 for side, law in pair.stops()
             ),
         ],
-        pictures=[
-            Picture(
-                lambda: draw_problem(made, found.rests),
-                f"The scene with its stops {where}; not to scale.",
-                wide=True,
-                front=True,
-            )
-        ],
+        pictures=scene_drawn(made, found.rests, where, front=True),
     )  # fmt: skip
 
 
@@ -290,17 +284,7 @@ def _scene_section(scene: Scene, hung: SceneAtRest) -> Section:
         for excitation in part.excitations:
             facts += excitation_facts(part, excitation, excitation.numbers())
         facts.append(Fact("Simulated", effects_in_words(part.effects())))
-    return Section(
-        title="Scene",
-        facts=facts,
-        pictures=[
-            Picture(
-                lambda: draw_problem(drawn, hung.gaps),
-                "The scene with its stops as the scene file states them; not to scale.",
-                wide=True,
-            )
-        ],
-    )
+    return Section(title="Scene", facts=facts, pictures=scene_drawn(drawn, hung.gaps))
 
 
 # Replay -----------------------------------------------------------------------------------

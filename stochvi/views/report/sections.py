@@ -310,26 +310,33 @@ def gap_section(review: Review) -> Section:
         else "without gravity or a load, that is where the mass hangs"
     )
     names = [pair.name for pair in scene.impact_pairs] or ["stops"]
-    drawn, where = scene, "as the scene file states them"
+    drawn, where = scene, AS_STATED
     if scene.impact_pairs and sizing.stops_to_copy():
         made = scene.impact_pairs[0].replace(**found.recommended)
         drawn, where = scene.replace(impact_pairs=[made]), "at the clearance to make"
     return Section(
         title="Gap and stops",
-        lead="A clearance is the distance of a stop from the static equilibrium, where the mass "
-        "hangs, relative to the base. Positions in a scene file (lower, upper) count from the "
-        f"unloaded spring; {rest}. The probability of any impact does not depend on the law of the "
-        "stops; what the impacts do depends on it.",
+        lead=f"{OF_CLEARANCES}; {rest}. The probability of any impact does not depend on the law "
+        "of the stops; what the impacts do depends on it.",
         facts=facts,
-        pictures=[
-            Picture(
-                lambda: draw_problem(drawn, dict.fromkeys(names, found.mean_position)),
-                f"The scene with its stops {where}; not to scale.",
-                wide=True,
-                front=True,
-            )
-        ],
+        pictures=scene_drawn(drawn, dict.fromkeys(names, found.mean_position), where, front=True),
     )
+
+
+AS_STATED = "as the scene file states them"
+OF_CLEARANCES = (
+    "A clearance is the distance of a stop from the static equilibrium, where the mass hangs, "
+    "relative to the base. Positions in a scene file (lower, upper) count from the unloaded spring"
+)
+"""Where stops are drawn, and from where their places count."""
+
+
+def scene_drawn(
+    scene: Scene, rests: Mapping[str, float], where: str = AS_STATED, *, front: bool = False
+) -> list[Picture]:
+    """The drawing of a scene, whose gaps rest at these places (m from the unloaded spring)."""
+    words = f"The scene with its stops {where}; not to scale."
+    return [Picture(lambda: draw_problem(scene, rests), words, wide=True, front=front)]
 
 
 # ------------------------------------------------------------------------------
@@ -361,9 +368,8 @@ def pairs_cards(sizing: Sizing) -> list[Fact]:
 
 def pairs_gap_section(found: ClearanceAnswer) -> Section:
     """The section on the stops of several pairs."""
-    where = "as the scene file states them"
-    if found.each_made:
-        where = "at the clearances to make, as a scene file has them"
+    made = "at the clearances to make, as a scene file has them"
+    where = made if found.each_made else AS_STATED
     return Section(
         title="Gaps and stops",
         pictures=[

@@ -306,6 +306,8 @@ def write_sizing_files(
     title = sizing.scene.title or "clearance and risk"
     try_picture(lambda: add_title(plot_sizing(sizing), title), folder / "risk.png")
     several = sizing.several
+    # all estimates of the simulations, each with the clearance to which it belongs
+    evidence = [answer.to_frame().assign(at=name) for name, answer in sizing.evidence.items()]
     tables = {
         "risk": sizing.curve,
         "pairs": sizing.pairs if several else None,
@@ -315,18 +317,12 @@ def write_sizing_files(
         "sensitivity": sensitivity,
         "exceedances": None if review is None else review.exceedances,
         "peaks": None if review is None else review.peaks,
-        "evidence": _evidence_table(sizing),
+        "evidence": stacked(evidence) if evidence else None,
     }
     lengths = dict.fromkeys([*sizing.clearances, "lower", "upper"], "m") if several else {}
     for name, table in tables.items():
         if table is not None:
             write_table(named_with_units(table), folder / f"{name}.csv", lengths)
-
-
-def _evidence_table(sizing: Sizing) -> DataFrame | None:
-    """All estimates of the simulations, each with the clearance to which it belongs."""
-    frames = [answer.to_frame().assign(at=name) for name, answer in sizing.evidence.items()]
-    return stacked(frames) if frames else None
 
 
 def sizing_page(
