@@ -11,6 +11,7 @@ from . import (
     verification,
 )
 from .absorbers.performance import absorber
+from .explorer.notebook import explore
 from .identification.fitting import identify
 from .identification.shocks import shocks
 from .isolators.screening import screen
@@ -107,6 +108,7 @@ __all__ = [
     "damage",
     "exact",
     "explain",
+    "explore",
     "first_passage",
     "fokker_planck",
     "growth",

@@ -370,8 +370,9 @@ def test_every_package_that_is_imported_is_declared() -> None:
     lines = [*project["dependencies"], *(line for extra in named for line in extras[extra])]
     declared = {re.split(r"[^\w-]", line)[0].lower().replace("-", "_") for line in lines}
     imported = set().union(*(third_party(file) for file in CHECKOUT.glob("stochvi/**/*.py")))
-    # a notebook brings IPython, dask[distributed] distributed, and pydantic its core
-    brought = {"ipython", "distributed", "pydantic_core"}
+    # a notebook brings IPython, dask[distributed] distributed, anywidget traitlets, and pydantic
+    # its core
+    brought = {"ipython", "distributed", "traitlets", "pydantic_core"}
     assert {each.lower() for each in imported} - declared - brought == set()
 
 

@@ -235,7 +235,7 @@ class Setting:
 
 
 class Design(NamedTuple):
-    """A scene with its knobs turned, and what is asked about it."""
+    """A scene with its knobs turned, and its question."""
 
     scene: Scene
     mission: float

@@ -170,6 +170,9 @@ def _told(answers: Iterator[dict[str, Any]]) -> Iterator[dict[str, Any]]:
         yield from answers
     except Refused as reason:
         yield {"type": "refused", "id": reason.id, "sentence": str(reason)}
+    except Exception as reason:  # a fault of ours: the page goes on, and can say so
+        kind = type(reason).__name__
+        yield {"type": "refused", "sentence": f"this is a fault of stochvi ({kind}); report it"}
 
 
 def serve(explorer: Explorer, tell: Callable[[str], None], browser: bool = True) -> None:
@@ -184,6 +187,7 @@ def serve(explorer: Explorer, tell: Callable[[str], None], browser: bool = True)
     """
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listening:
         listening.bind(("127.0.0.1", 0))
+        listening.listen()  # from now on, as the address is told now
         port, token = listening.getsockname()[1], secrets.token_urlsafe(TOKEN_BYTES)
 
         def end() -> None:

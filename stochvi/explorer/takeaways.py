@@ -57,7 +57,7 @@ class Question(NamedTuple):
 
 
 def question_of(design: Design, seed: int) -> Question:
-    """What is asked about a design."""
+    """The question of a design."""
     kind = kind_of(design.scene)
     if kind == "absorber":
         shares = {"rel_error": ABSORBED, "seed": seed}
@@ -138,7 +138,7 @@ CALLS: dict[str, Callable[..., Any]] = {
 
 
 def _table(question: Question, design: Design) -> Any:
-    """The risk over clearance; of a scene that is not sized, the answer."""
+    """The risk over clearance, or the answer where nothing is sized."""
     if question.call == "size":
         return risk_curve(design.scene, budget=BUDGET, **question.arguments).curve
     found = CALLS[question.call](design.scene, budget=BUDGET, **question.arguments)

@@ -4,22 +4,24 @@ A turn of the knobs is answered in three stages: closed forms, a simulation with
 refinement. What is looked for first comes first: the linear motion, impacts, the risk. Every number
 says by what method it is known, and how well.
 
-The page sends objects with a `type`, and a kernel or a server answers each by objects with a
-`type`, in an order. All but the first have the `id` of the message that they answer, a whole
-number, and `tab`, a short text, stands for the page that asks. Lengths and all else are in SI
-units. A setting is `values` (numbers by the keys of knobs) and, where they are chosen, `preset`,
-`profile`, `law` (names that the answer to open lists) and `psd`, the text of a table.
+The page sends objects with a `type`. A kernel or a server answers each by objects with a `type`.
+Each has the `id` of its message, a whole number. `tab`, a short text, stands for the page that
+asks. Lengths and all else are in SI units. A setting is `values`, numbers by the keys of knobs. It
+may have `preset`, `profile` and `law`, names that the answer to open lists. It may have `psd`, the
+text of a table.
 
-- open: a setting. Answer: knobs, with `title`, `kind` (pair, box, absorber or sine), `knobs`
-  (`key`, `words`, `unit`, `value`, `low`, `high`, `logarithmic`, `group`), `tolerances`, knobs
-  too, `profile`, `profiles`, `takes_table`, `law`, `laws`, `preset`, `presets`, and `offers`, what
-  can be taken away.
-- turn: a setting. Answers: answer with its `stage` (closed, simulated, refined) and `part`, and
-  either what the part has or `missing`, a sentence; then done. A turn ends that before it.
-- confirm: a setting. Answers: progress (`done`, 0 to 1, and `words`), then answer of the part
-  confirmed, with the `clearance` and `numbers`, then done. Turns go on meanwhile.
-- cancel: ends what the tab confirms. Answer: done.
-- take: a setting, and `what`, one of the `offers`. Answer: file, with `name`, `media` and `text`.
+| message | what it has | answers |
+|---|---|---|
+| open | a setting | knobs |
+| turn | a setting | answer for each part, then done; a turn ends that before it |
+| confirm | a setting | progress (`done`, 0 to 1, `words`), answer of the part confirmed, done |
+| cancel | | done; it ends what the tab confirms |
+| take | a setting, and `what`, one of the `offers` | file (`name`, `media`, `text`) |
+
+- knobs has `title`, `kind` (pair, box, absorber, sine), `preset`, `presets`, `offers`.
+- Its `knobs` and `tolerances` have `key`, `words`, `unit`, `value`, `low`, `high`, `logarithmic`.
+- Its choices are `profile`, `profiles`, `takes_table`, `law`, `laws`.
+- answer has its `stage` (closed, simulated, refined), its `part`, and `numbers`, or else `missing`.
 
 What cannot be is answered by refused, with a `sentence`.
 """
@@ -317,8 +319,8 @@ class Turn:
         return answer if found.box is None else answer | {"box": self._box(found)}
 
     def _box(self, found: Sizing) -> Message:
-        """Where mounts and snubbers of a box sit (m from its centre of mass), and the probability
-        that each snubber is hit as it is in the scene."""
+        """Where mounts and snubbers of a box sit, m from its centre of mass; and the probability
+        that each snubber is hit."""
         assert found.box is not None
         chances = dict(
             zip(found.box.pairs["pair"], found.box.pairs["chance_as_given"], strict=True)
