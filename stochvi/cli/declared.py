@@ -140,6 +140,7 @@ def declare(
             loaded = load_scene(scene)
             for told in loaded.slipped_units():  # before anything takes its time
                 warnings.warn(told, InputWarning, stacklevel=2)
+                options.said.append(told)
             question = Question(options, scene, loaded, dict(asked), of, shares, progress, judged)
             show = own(question) or question.show
             carried: list[RecordVerdict | None] = []

@@ -105,6 +105,8 @@ class Common:
     question: str = ""
     begun: Deadline = field(default_factory=lambda: Deadline.after(0.0))
     judged: list[RecordVerdict] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
+    """Warnings that were told before the work, and are not told again beside the answer."""
 
     def until(self, budget: float | None, drawing: float = DRAWING_SECONDS) -> Deadline:
         """The deadline of a budget that is counted from the start of the command.
@@ -232,7 +234,8 @@ class Common:
         from stochvi.views.pages import print_told
 
         for each in () if self.quiet else told:
-            print_told(self.console, each, self.verbose)
+            warnings = [warning for warning in each.warnings if warning not in self.said]
+            print_told(self.console, replace(each, warnings=warnings), self.verbose)
         if not self.quiet and any(each.brief for each in told):
             self._say_what_comes_next(next((each.next for each in told if each.next), ()))
 

@@ -12,7 +12,6 @@ import re
 import shlex
 import sys
 import time
-import tomllib
 import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -373,6 +372,8 @@ def main() -> None:
 
 def inputs_of(scenes: Sequence[Path]) -> list[Path]:
     """The scene files, and the files that they name. Unreadable scenes are refused elsewhere."""
+    import tomllib
+
     from stochvi.scenes.scene import file_and_phase
     from stochvi.scenes.text_tables import read_text
 

@@ -65,6 +65,7 @@ from stochvi.results.estimates import (
     of_events,
     student_factor,
     upper_limit_unseen,
+    without_impact,
 )
 from stochvi.sampling.calculations import (
     FEWEST_AT_ONCE,
@@ -581,6 +582,7 @@ class Simulation:
                     f"the balance of {name} is missed by {abs(residual.value):.2g} of its largest "
                     "term: do not use these numbers"
                 )
+        unseen = list[tuple[str, str]]()
         for pair in pairs:
             of = f" of {pair.name}" if several else ""
             threshold = self.layout.thresholds[pair.name]
@@ -599,19 +601,16 @@ class Simulation:
                         "under white noise; rates above a speed threshold are given, rel_error "
                         "does not govern them"
                     )
-                unseen = of_pair(pair.name)[f"collision_rate_{stop.name}"]
-                if self.fine.evaluate(unseen)[0] == 0.0:
-                    yield (
-                        f"no impact on the {stop.name} stop{of} in {self.exposure:.3g} s of "
-                        "motion: its rate has an upper limit only, rel_error does not govern it; "
-                        "more paths or a longer duration look further"
-                    )
+                rate = of_pair(pair.name)[f"collision_rate_{stop.name}"]
+                if self.fine.evaluate(rate)[0] == 0.0:
+                    unseen.append((stop.name, pair.name))
             seen = self.fine.evaluate(of_pair(pair.name)["collision_rate"])
             if seen[0] > 0.0 and not events_suffice(*seen, self.fine.count):
                 yield (
                     f"impacts{of} were seen {TOO_FEW}: their rates have upper limits only; more "
                     "paths or a longer duration tell more"
                 )
+        yield from without_impact(unseen, self.exposure)
 
 
 def _of_few_impacts(mean: Estimate, known: Mapping[str, Estimate | None]) -> Estimate:

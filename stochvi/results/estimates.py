@@ -722,6 +722,26 @@ TOO_FEW = "in too few independent samples for an interval"
 """Where events were seen of which an upper limit alone is stated."""
 
 
+def without_impact(stops: Iterable[tuple[str, str]], exposure: float) -> list[str]:
+    """One note on all stops, side and pair of each, that saw no impact in so many seconds.
+
+    >>> without_impact([("upper", "a"), ("upper", "b"), ("lower", "a")], 3.0)[0][:65]
+    'no impact on the upper stops of a, b and the lower stop of a in 3'
+    """
+    named: dict[str, list[str]] = {}
+    for side, pair in stops:
+        named.setdefault(side, []).append(pair)
+    listed = [
+        f"the {side} {'stops' if len(pairs) > 1 else 'stop'} of {', '.join(pairs)}"
+        for side, pairs in named.items()
+    ]
+    return listed and [
+        f"no impact on {' and '.join(listed)} in {exposure:.3g} s of motion: a rate there has an "
+        "upper limit only, rel_error does not govern it; more paths or a longer duration look "
+        "further"
+    ]
+
+
 def of_events(found: Estimate, samples: int) -> Estimate:
     """Estimate of a mean number or rate of events over so many independent samples.
 

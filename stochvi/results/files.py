@@ -9,7 +9,6 @@ import hashlib
 import json
 import os
 import re
-import subprocess
 import sys
 import time
 import uuid
@@ -18,7 +17,6 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cache
 from importlib import import_module
-from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
 
@@ -201,6 +199,9 @@ def _recorded(value: Any) -> Any:
 def commit() -> str | None:
     """The commit of the source that runs, with "-dirty" behind it where files differ from it; None
     where it is not known, as of a released wheel, whose version says it."""
+    import subprocess  # here, because `stochvi --help` needs neither
+    from importlib.metadata import distribution
+
     source = distribution("stochvi").read_text("direct_url.json")
     if source is not None and (found := json.loads(source).get("vcs_info", {}).get("commit_id")):
         return str(found)

@@ -3,6 +3,7 @@ of files, and commands."""
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
@@ -90,12 +91,28 @@ class Parts(dict[str, Part]):
 def entry_points(group: str) -> list[EntryPoint]:
     """The entry points of a group, by the names of their packages: the order of installation does
     not matter."""
+    if not _named_anywhere(group):
+        return []
     import logging
     from importlib import metadata
 
     found = metadata.entry_points(group=group)
     logging.getLogger(__name__).debug("parts of other packages, %s: %s", group, found.names)
     return sorted(found, key=lambda each: (each.dist.name if each.dist else "", each.name))
+
+
+def _named_anywhere(group: str) -> bool:
+    """Whether a file of entry points holds the name of a group: `importlib.metadata` takes longer
+    than all else of `stochvi --help`. Where packages lie in archives, it must look itself."""
+    folders = [Path(each) for each in sys.path]
+    try:
+        return any(each.is_file() for each in folders) or any(
+            group.encode() in file.read_bytes()
+            for folder in folders
+            for file in folder.glob("*-info/entry_points.txt")
+        )
+    except OSError:
+        return True
 
 
 def origin_of(part: object) -> str:

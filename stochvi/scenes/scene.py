@@ -54,7 +54,6 @@ from stochvi.scenes.pair_tables import read_pairs
 from stochvi.scenes.phases import Phase
 from stochvi.scenes.structures import (
     AnyStructure,
-    Isolator,
     Matrices,
     NonlinearOscillator,
     Oscillator,
@@ -1260,32 +1259,14 @@ class Scene(Checked):
         return self.structure.cautions(rigid)
 
     def slipped_units(self) -> list[str]:
-        """A sentence on a stiffness or a mass that seems to be in another unit, such as N/mm."""
-        structure = self.structure
+        """Sentences on units of the structure that seem to be others, where what shakes it has
+        units: white noise is also that of scenes without any."""
+        phases = (own for phase in self.phases for own in phase.own_excitations)
         shaken = any(
             isinstance(each, DensityNoise) and not isinstance(each, WhiteNoise)
-            for each in (
-                *self.excitations,
-                *(own for phase in self.phases for own in phase.own_excitations),
-            )
+            for each in (*self.excitations, *phases)
         )
-        if not shaken or structure.functions or not isinstance(structure, Isolator | RigidBody):
-            return []
-        mass, _, stiffness = structure.matrices
-        held = np.diag(stiffness)[:3] / np.diag(mass)[:3]
-        lowest, highest = np.sqrt([held.min(), held.max()]) / (2.0 * math.pi)
-        parts = structure.mounts if isinstance(structure, RigidBody) else [structure]
-        given_ = next((each.stiffness for each in parts if each.stiffness is not None), None)
-        if given_ is None or (lowest <= MOUNTED[1] and highest >= MOUNTED[0]):
-            return []
-        few = highest < MOUNTED[0]
-        least = float(np.min(given_))
-        remedy = f": {least:g} N/mm are {1000.0 * least:g} N/m" if few else ""
-        return [
-            f"the natural frequency {highest if few else lowest:.3g} Hz lies outside those of "
-            f"mounts of equipment ({MOUNTED[0]:g} to {MOUNTED[1]:g} Hz); stiffness is in N/m and "
-            f"mass in kg{remedy}"
-        ]
+        return self.structure.slipped_units() if shaken else []
 
     def _reaction(self) -> tuple[str, ...]:
         """The assumption that the vehicle does not feel the mount, with their ratio of masses."""
@@ -1337,10 +1318,6 @@ SIDED = " "
 
 UNLOADED = "displacements are measured from the position of the unloaded spring"
 """Sentence on the origin of all positions in scenes and answers."""
-
-MOUNTED = (0.8, 500.0)
-"""Natural frequencies, Hz, between which mounts of equipment lie: air springs begin at the first,
-and above the second nothing that shakes a vehicle is isolated."""
 
 LARGEST_NUMBER = 1e50
 """Largest number in a scene, per unit mass, and inverse of the smallest: squares stay finite."""

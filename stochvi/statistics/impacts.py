@@ -58,6 +58,7 @@ from stochvi.results.estimates import (
     reach,
     student_factor,
     upper_limit_unseen,
+    without_impact,
 )
 from stochvi.sampling.calculations import ListSampler, SamplingOptions, calculation
 from stochvi.sampling.run import Run, sampled
@@ -1166,18 +1167,20 @@ def _first_hits(scene: Scene, pair: Pair, run: Run) -> Estimate | None:
 
 def _unseen(pairs: dict[str, PairStatistics], exposure: float) -> list[str]:
     """Notes on stops that were never hit, or hardly ever, in the words of `simulate`."""
-    return [
-        (
-            f"impacts on the {side} stop of {name} were seen {TOO_FEW}: "
-            if found.estimate.how.startswith(f"seen {TOO_FEW}")
-            else f"no impact on the {side} stop of {name} in {exposure:.3g} s of motion: "
-        )
-        + "its rate has an upper limit only, rel_error does not govern it; more paths or a longer "
-        "duration look further"
-        for name, pair in pairs.items()
-        for side, found in pair.rates.items()
-        if side != "both" and found.estimate.value == 0.0
-    ]
+    few, unseen = list[str](), list[tuple[str, str]]()
+    for name, pair in pairs.items():
+        for side, found in pair.rates.items():
+            if side == "both" or found.estimate.value != 0.0:
+                continue
+            if found.estimate.how.startswith(f"seen {TOO_FEW}"):
+                few.append(
+                    f"impacts on the {side} stop of {name} were seen {TOO_FEW}: its rate has an "
+                    "upper limit only, rel_error does not govern it; more paths or a longer "
+                    "duration look further"
+                )
+            else:
+                unseen.append((side, name))
+    return [*few, *without_impact(unseen, exposure)]
 
 
 def _long_intervals(pairs: dict[str, PairStatistics]) -> list[str]:

@@ -166,7 +166,8 @@ def test_a_stop_that_is_never_reached_has_an_upper_limit() -> None:
     assert rate.value == rate.standard_error == 0.0
     exposure = response.cost.paths * make_plan(model_of(CASES["gap 1e6"]), None, None).duration
     assert rate.upper_95 >= upper_limit_unseen(exposure)
-    assert any("no impact on the upper stop" in line for line in response.warnings)
+    (told,) = (line for line in response.warnings if "no impact on" in line)
+    assert "the lower stop of stops and the upper stop of stops in" in told
 
 
 def test_a_mean_speed_of_impacts_that_twice_the_step_does_not_see_has_no_known_bias() -> None:

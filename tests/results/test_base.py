@@ -867,7 +867,7 @@ def test_the_commit_is_that_of_an_installation_from_a_repository(
 ) -> None:
     source: list[str | None] = [json.dumps({"vcs_info": {"vcs": "git", "commit_id": "c0ffee"}})]
     installed = SimpleNamespace(read_text=lambda name: source[0])
-    monkeypatch.setattr(files, "distribution", lambda name: installed)
+    monkeypatch.setattr("importlib.metadata.distribution", lambda name: installed)
     assert files.commit() == "c0ffee"
     files.commit.cache_clear()
     source[0] = None

@@ -248,6 +248,26 @@ def test_a_reader_that_fails_is_named(named, tmp_path) -> None:
             read_record(file)
 
 
+def test_entry_points_are_looked_for_where_a_package_names_the_group(tmp_path, monkeypatch) -> None:
+    """Nothing is imported for packages that name none, and all that is there is found."""
+    outside.entry_points.cache_clear()
+    monkeypatch.setattr(sys, "path", [str(tmp_path / "nowhere"), str(tmp_path)])
+    assert not outside._named_anywhere("stochvi.laws")
+    known = tmp_path / "bumpers-0.1.dist-info"
+    known.mkdir()
+    (known / "METADATA").write_text("Metadata-Version: 2.1\nName: bumpers\nVersion: 0.1\n")
+    (known / "entry_points.txt").write_text("[stochvi.laws]\nhard = bumpers:Hard")
+    assert outside._named_anywhere("stochvi.laws")
+    assert not outside._named_anywhere("stochvi.readers")
+    (found,) = outside.entry_points("stochvi.laws")
+    outside.entry_points.cache_clear()
+    assert (found.name, found.value) == ("hard", "bumpers:Hard")
+    archive = tmp_path / "packages.zip"
+    archive.write_bytes(b"")
+    monkeypatch.setattr(sys, "path", [str(archive)])
+    assert outside._named_anywhere("stochvi.readers"), "importlib.metadata looks into archives"
+
+
 def test_help_lists_commands_of_other_packages_and_outlives_those_that_fail(named) -> None:
     import click
 

@@ -217,6 +217,10 @@ class AnyStructure(Checked):
         """Sentences on what makes answers doubtful where the pairs of these names are rigid."""
         return []
 
+    def slipped_units(self) -> list[str]:
+        """A sentence on a stiffness or a mass that seems to be in another unit, such as N/mm."""
+        return []
+
     def assumptions(self) -> list[str]:
         """Assumptions on the structure, in words."""
         return []
@@ -429,6 +433,9 @@ class Isolator(Oscillator):
             raise ValueError("needs a stiffness that carries the mass under gravity, got 0")
         return self
 
+    def slipped_units(self) -> list[str]:
+        return slipped_units(self, self.stiffness)
+
     @property
     def in_parallel(self) -> int:
         return self.mounts or 1
@@ -448,6 +455,30 @@ class Isolator(Oscillator):
 
 LIMITED = {"frequency_tolerance": ("frequency_hz",), "damping_tolerance": ("zeta", "damping")}
 """Keys of tolerances, each with the keys of the quantity that it limits."""
+
+
+MOUNTED = (0.8, 500.0)
+"""Natural frequencies, Hz, between which mounts of equipment lie: air springs begin at the first,
+and above the second nothing that shakes a vehicle is isolated."""
+
+
+def slipped_units(structure: AnyStructure, given: ArrayLike | None) -> list[str]:
+    """The sentence on a structure on mounts whose stiffness is stated, in N/m, if it slipped."""
+    if given is None or structure.functions:
+        return []
+    mass, _, stiffness = structure.matrices
+    held = np.diag(stiffness)[:3] / np.diag(mass)[:3]
+    lowest, highest = np.sqrt([held.min(), held.max()]) / (2.0 * math.pi)
+    if lowest <= MOUNTED[1] and highest >= MOUNTED[0]:
+        return []
+    few = highest < MOUNTED[0]
+    least = float(np.min(given))
+    remedy = f": {least:g} N/mm are {1000.0 * least:g} N/m" if few else ""
+    return [
+        f"the natural frequency {highest if few else lowest:.3g} Hz lies outside those of "
+        f"mounts of equipment ({MOUNTED[0]:g} to {MOUNTED[1]:g} Hz); stiffness is in N/m and "
+        f"mass in kg{remedy}"
+    ]
 
 
 class NonlinearOscillator(AnyStructure):

@@ -20,7 +20,7 @@ from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.errors import SceneError
 from stochvi.scenes.characteristics import Damper, Spring
-from stochvi.scenes.structures.oscillators import AnyStructure, Placed
+from stochvi.scenes.structures.oscillators import AnyStructure, Placed, slipped_units
 from stochvi.scenes.validation import (
     Checked,
     NonNegative,
@@ -241,6 +241,10 @@ class RigidBody(AnyStructure):
         if problems:
             raise SceneError(problems)
         return self
+
+    def slipped_units(self) -> list[str]:
+        stated = (each.stiffness for each in self.mounts)
+        return slipped_units(self, next((each for each in stated if each is not None), None))
 
     @property
     def coordinates(self) -> tuple[str, ...]:
