@@ -60,6 +60,7 @@ from stochvi.sampling.run import Run
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.phases import changed_mount
 from stochvi.scenes.scene import scene_from
+from stochvi.testing.samples import assert_mean
 from stochvi.verification.testing.judging import Z
 from support.accuracies import quick_cases, run_of
 from support.mounts import HOUR, ten_hertz, truck
@@ -210,7 +211,7 @@ def test_slow_bursts_are_a_mean_over_a_gamma_law(kurtosis: float) -> None:
     rates = np.array([curve.first_rate(clearance / math.sqrt(m)) for m in draws])
     chance = slow_bursts(curve, clearance, kurtosis, HOUR)
     rate = -math.log1p(-chance) / HOUR
-    assert abs(rates.mean() - rate) < Z * rates.std() / math.sqrt(len(rates))
+    assert_mean(rates, rate)
     assert rate > curve.first_rate(clearance)
 
 

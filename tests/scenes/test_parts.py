@@ -71,6 +71,7 @@ from stochvi.scenes.structures import Modes, NonlinearOscillator
 from stochvi.scenes.structures.rigid_body import Mount, RigidBody
 from stochvi.scenes.validation import PYTHON_ONLY, mean_unit, varied
 from stochvi.statistics.crossings import own_distances
+from stochvi.testing.samples import assert_mean
 from stochvi.verification.check import check, explain
 from stochvi.verification.cost import cost
 from support.accuracies import assert_balanced
@@ -184,8 +185,7 @@ def test_linear_forms_are_those_of_many_samples(law: Characteristic) -> None:
         force = np.sinh(x) + 0.2 * v
     form = law.linear_form(mean, deviation, speed)
     for found, samples in zip(form, (force, force * u / deviation, force * w / speed), strict=True):
-        error = samples.std() / math.sqrt(len(samples))
-        assert abs(found - samples.mean()) <= 4.5 * error + 1e-9
+        assert_mean(samples, found, bias=1e-9)
 
 
 def test_the_memory_of_wire_rope_takes_the_energy_of_its_loop() -> None:
