@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
@@ -314,8 +316,9 @@ def mission_report(path: Path) -> None:
         first.render(scale=DOTS_OF_A_POINT).to_pil().quantize(256).save(path, optimize=True)
 
 
-def explorer(path: Path) -> None:
-    """The page of `stochvi explore` with the answers of its first turn, as Chromium shows it."""
+@contextmanager
+def explored(width: int, height: int) -> Iterator[Any]:
+    """The page of `stochvi explore` with the answers of its first turn, in Chromium."""
     import re
     import shutil
     import subprocess
@@ -330,11 +333,48 @@ def explorer(path: Path) -> None:
             browser = play.chromium.launch(
                 executable_path=shutil.which("chromium"), args=["--no-sandbox"]
             )
-            page = browser.new_page(locale="en-US", viewport={"width": 1300, "height": 900})
+            size: Any = {"width": width, "height": height}
+            page = browser.new_page(locale="en-US", viewport=size)
             page.goto(address)
             page.wait_for_selector("header .state:text-matches('all known')", timeout=300_000)
-            page.screenshot(path=path, full_page=True)
+            yield page
         server.terminate()
+
+
+def explorer(path: Path) -> None:
+    """The page as it begins."""
+    with explored(1300, 900) as page:
+        page.screenshot(path=path, full_page=True)
+
+
+def turned_knobs(path: Path) -> None:
+    """The page while its natural frequency is turned, beside the design that was pinned first."""
+    import io
+
+    from PIL import Image
+
+    steps = [0, 0, *[25] * 8, 0, 0, *[-25] * 8]
+    frames = []
+    with explored(1100, 640) as page:
+        page.click("text=Pin this design")
+        page.evaluate("scrollTo(0, 0)")
+        for step in steps:
+            if step:
+                page.evaluate(TURN, step)
+                page.wait_for_selector(".stochvi-explore.stale")
+            page.wait_for_selector(".stochvi-explore:not(.stale)", timeout=60_000)
+            page.wait_for_timeout(200)
+            frames.append(Image.open(io.BytesIO(page.screenshot())).convert("RGB"))
+    first, *others = [frame.resize((825, 480), Image.Resampling.LANCZOS) for frame in frames]
+    first.save(path, save_all=True, append_images=others, duration=400, loop=0, quality=60)
+
+
+TURN = """step => {
+  const knob = document.getElementById("structure.frequency_hz");
+  knob.value = Number(knob.value) + step;
+  knob.dispatchEvent(new Event("input"));
+}"""
+"""Turns the natural frequency by thousandths of its range."""
 
 
 DOTS_OF_A_POINT = 1.5
@@ -356,6 +396,7 @@ PICTURES: dict[str, Callable[[], Axes]] = {
 WRITTEN: dict[str, Callable[[Path], None]] = {
     "box_hits_its_stops.gif": box_hits_its_stops,
     "explore.png": explorer,
+    "explore.webp": turned_knobs,
     "mission-report.png": mission_report,
 }
 """Those that no figure holds, by their whole names: what moves, and a page of a report."""

@@ -429,7 +429,7 @@ function render({ model, el }) {
       choices = { preset: message.preset, profile: message.profile, law: message.law, psd: wanted.psd ?? null };
       if (choices.psd) choices.profile = null;
       const units = { probability: "%" };
-      const written = message.knobs.map((each) => ({ ...each, keys: [each.key], unit: units[each.key] ?? (each.group === "tolerances" && !each.unit ? "%" : each.unit) }));
+      const written = [...message.knobs, ...message.tolerances].map((each) => ({ ...each, keys: [each.key], unit: units[each.key] ?? (each.group === "tolerances" && !each.unit ? "%" : each.unit) }));
       knobs = toldApart(withClearances(written)).map((each) => ({ ...each, now: each.value }));
       heading.textContent = message.title || "stochvi explore";
       tip.textContent = "";
