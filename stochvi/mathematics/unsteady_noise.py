@@ -440,8 +440,8 @@ PHASES = 2**13
 """Number of phases over which rates are averaged. For one sine they are evenly spaced."""
 
 MOST_STEPS, SAME_SLOPE = 60, 1e-8
-"""Largest number of steps by which a slope is found, as many as halvings alone would take, and the
-relative change after which the next one has all digits."""
+"""Largest number of steps by which a slope is found, as many as halvings alone would take. The
+relative change after which the next step has all digits."""
 
 ROOT_2_PI = math.sqrt(2.0 * math.pi)
 

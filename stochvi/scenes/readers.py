@@ -311,8 +311,8 @@ def read_columns(
 
 
 def table_of(source: Path | Frame, names: Sequence[str], largest: int | None = None) -> TextTable:
-    """The table of a frame, or of a file of text, of a spreadsheet or of an ending that a package
-    reads, that has at least the columns `names`; errors as for `read_text_table`."""
+    """The table of a frame or a file, that has at least the columns `names`; errors as for
+    `read_text_table`. Files are text, spreadsheets, or have an ending that a package reads."""
     if isinstance(source, Frame):
         return source.table(names)
     suffix = source.suffix.lower()

@@ -689,8 +689,8 @@ OF_PHASES = ("phases", "records", "assumptions")
 OF_NO_PHASES = (
     "by", "three_sigma", "required", "screening", "production", "fell_short", "kept_with",
 )  # fmt: skip
-"""JSON keys that only a sizing by the curve of one gap has, only one of several gaps, only one of
-phases, and those that one of phases does not have."""
+"""JSON keys that only a sizing by the curve of one gap has; only one of several gaps; only one of
+phases; and those that one of phases does not have."""
 
 NOT_OF_PHASES: Any = None
 """What a sizing of phases does not have."""
