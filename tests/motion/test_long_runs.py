@@ -433,10 +433,11 @@ def killed_at_random(
     """
     scene, kept = folder / "scene.toml", folder / "run.checkpoint"
     scene.write_text(SCENE)
-    job = ["--paths", paths, "--duration", 2000, "--seed", 11, "--threads", 1, "--quiet"]
-    whole = command("simulate", scene, *job, "--json", folder / "whole.json")
+    alone = ["--threads", 1, "--quiet"]
+    job = ["--paths", paths, "--duration", 2000, "--seed", 11]
+    whole = ["--json", folder / "whole.json", "--checkpoint", folder / "other"]
     spent = cpu_of_children()
-    with subprocess.Popen([*whole, "--checkpoint", folder / "other"]) as process:
+    with subprocess.Popen(command("simulate", scene, *job, *alone, *whole)) as process:
         while not (folder / "other").exists():
             time.sleep(0.02)
         starting = cpu_of(process)
@@ -445,8 +446,8 @@ def killed_at_random(
     spent, reached = cpu_of_children(), [0]
     latest = progress + 2.0 * starting
     for moment in np.random.default_rng(6).uniform(0.0, latest, kills):
-        ask = ["--resume", kept, "--quiet"] if kept.exists() else [*job, "--checkpoint", kept]
-        ask += ["--checkpoint-interval", interval, "--threads", 1]
+        ask = ["--resume", kept] if kept.exists() else [*job, "--checkpoint", kept]
+        ask += ["--checkpoint-interval", interval, *alone]
         with subprocess.Popen(command("simulate", scene, *ask)) as process:
             while cpu_of(process) < moment:
                 assert process.poll() is None  # it is still at work
@@ -455,8 +456,9 @@ def killed_at_random(
         reached.append(paths_in(kept))
     assert reached == sorted(reached)
     assert reached[-1] < paths
-    last = command("simulate", scene, "--resume", kept) if kept.exists() else whole
-    subprocess.run([*last, "--quiet", "--json", folder / "killed.json"], check=True)
+    last = ["--resume", kept] if kept.exists() else job
+    last += [*alone, "--json", folder / "killed.json"]
+    subprocess.run(command("simulate", scene, *last), check=True)
     print(f"killed {kills} times: {cpu_of_children() - spent:.1f} s of CPU; paths kept: {reached}")
     assert answer(folder / "killed.json") == answer(folder / "whole.json")
 
