@@ -13,6 +13,7 @@ import dataclasses
 import json
 import math
 from collections.abc import Callable, Mapping
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from pydantic import BaseModel
 
 from stochvi.mathematics.units import checked
 from stochvi.results.base import Result, frame_of
+from stochvi.results.errors import SceneError, not_json
 from stochvi.results.estimates import version_of
 from stochvi.results.files import kind_of, name_of, now, write_whole
 from stochvi.scenes.scene import Scene, scene_from
@@ -35,6 +37,9 @@ KIND, ARRAY, TABLE, TUPLE, MAPPING, NUMBER, COMPLEX, SCENE, MODEL = (
 
 LARGEST = 2**32
 """Size in bytes above which a file is no saved answer."""
+
+UNREADABLE = (AttributeError, ImportError, LookupError, RecursionError, TypeError, ValueError)
+"""What comes of making an answer from something else."""
 
 FROM_DOCUMENT = "stochvi.Response.from_dict(json.load(open(FILE))) makes the response from it"
 """What reads the document of a response."""
@@ -122,23 +127,38 @@ def load_answer(path: str | Path) -> Result:
         content = json.loads(text)
         version = content["stochvi"]
         answer = _decoded(content["answer"])
-    except RecursionError:
-        raise ValueError(
-            f"{path} must be a file that save_answer wrote; its brackets are nested too deeply"
-        ) from None
-    except (AttributeError, ImportError, LookupError, TypeError, ValueError) as error:
+    except (
+        AttributeError,
+        ImportError,
+        LookupError,
+        RecursionError,
+        TypeError,
+        ValueError,
+    ) as error:
         if isinstance(content, dict) and "provenance" in content:
             raise ValueError(
                 f"{path} is the JSON document of an answer, as --json writes it; "
                 + (FROM_DOCUMENT if "identities" in content else "load a file of save_answer")
             ) from None
         raise ValueError(
-            f"{path} must be a file that save_answer wrote; it cannot be read as one ({error}), "
+            f"{path} must be a file that save_answer wrote; it {_fault(error, content)}, "
             f"and names {version} where this is {version_of(PACKAGE)}"
         ) from error
     if not isinstance(answer, Result):
         raise ValueError(f"{path} must hold an answer, got {type(answer).__name__}")
     return answer
+
+
+def _fault(error: Exception, content: Any) -> str:
+    """What is wrong with a file whose content is no answer."""
+    if content is None or isinstance(error, RecursionError):
+        return not_json(error)
+    for key in ("stochvi", "answer"):
+        if not isinstance(content, dict) or key not in content:
+            return f"has no key {key!r}"
+    if isinstance(error, SceneError):
+        return f"cannot be read as one ({error})"
+    return "has a part that answers do not have"
 
 
 def _encoded(value: Any) -> Any:
@@ -221,8 +241,19 @@ def _kind(name: str) -> Any:
         dataclasses.is_dataclass(kind) or hasattr(kind, "_fields") or issubclass(kind, BaseModel)
     )
     if not known:
-        raise ValueError(f"{name} is no kind of part that answers have")
+        raise SceneError(f"{name} is no kind of part that answers have")
     return kind
+
+
+def _made_part(found: dict[str, Any]) -> Any:
+    """A dataclass or named tuple, of parts that it has in this version."""
+    kind, parts = _kind(found[KIND]), _decoded(found["parts"])
+    try:
+        return kind(**parts)
+    except TypeError:
+        for part in set(parts) - set(signature(kind).parameters):
+            raise SceneError(f"{found[KIND]} has no part {part}") from None
+        raise
 
 
 def _made_array(found: dict[str, Any]) -> np.ndarray:
@@ -242,7 +273,7 @@ def _made_table(columns: list[list[Any]]) -> Any:
 
 
 MADE: dict[str, Callable[[dict[str, Any]], Any]] = {
-    KIND: lambda found: _kind(found[KIND])(**_decoded(found["parts"])),
+    KIND: _made_part,
     MODEL: lambda found: _kind(found[MODEL])(**_decoded(found["keys"])),
     ARRAY: lambda found: _made_array(found[ARRAY]),
     TABLE: lambda found: _made_table(found[TABLE]),

@@ -4,6 +4,7 @@ taken; control characters in names; errors that the package raises."""
 from __future__ import annotations
 
 import errno
+import json
 import math
 import os
 import re
@@ -164,21 +165,41 @@ BEYOND, EXTREME = (
 """The words for an overflow, a division by 0 or a matrix without a solution; and the decimal
 exponent from which a number of the scene is named with it."""
 
+HOW_BEYOND: dict[type[Exception], str] = {
+    ZeroDivisionError: "a divisor is 0", OverflowError: "a number is too large",
+}  # fmt: skip
+"""What a calculation came upon, in the place of the words of Python or the system."""
+
 
 def beyond_arithmetic(error: Exception, document: Any = None) -> str:
     """The sentence for numbers beyond what a computer calculates with, with the most extreme one.
 
-    >>> beyond_arithmetic(OverflowError("range"), {"mount": [{"mass": 1e300}]}).partition("; ")[2]
-    'look at mount.0.mass = 1e+300'
+    >>> beyond_arithmetic(OverflowError(), {"mount": [{"mass": 1e300}]}).partition("with ")[2]
+    '(a number is too large); look at mount.0.mass = 1e+300'
     """
     found = max(_numbers(document), key=lambda each: abs(math.log10(abs(each[1]))), default=None)
     where = ""
     if found is not None and abs(math.log10(abs(found[1]))) >= EXTREME:
         where = f"; look at {found[0]} = {found[1]:g}"
-    said = str(error.args[-1]) if error.args else type(error).__name__
-    if isinstance(error, ZeroDivisionError):
-        said = "a divisor is 0"
+    said = HOW_BEYOND.get(type(error), "equations have no solution")
     return f"{BEYOND} ({said}){where}"
+
+
+def not_json(error: Exception) -> str:
+    """Why a text is not JSON, and where.
+
+    >>> import json
+    >>> try:
+    ...     json.loads('{"mass": }')
+    ... except ValueError as error:
+    ...     not_json(error)
+    'is not JSON from line 1, column 10, on'
+    """
+    if isinstance(error, json.JSONDecodeError):
+        return f"is not JSON from line {error.lineno}, column {error.colno}, on"
+    if isinstance(error, RecursionError):
+        return "has brackets that are nested too deeply"
+    return "is not JSON"
 
 
 def _numbers(document: Any, key: str = "") -> Iterator[tuple[str, float]]:

@@ -20,6 +20,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from stochvi.results.errors import SceneError
+
 # ------------------------------------------------------------------------------
 # Writing of files: each is written whole or not at all, even by several processes at once.
 # ------------------------------------------------------------------------------
@@ -322,19 +324,19 @@ def kind_of(name: str) -> Any:
 
     Raises
     ------
-    ValueError
+    SceneError
         If there is no such class in its room, or more than one.
     """
     parts = NAME.fullmatch(name)
     if parts is None:
-        raise ValueError(f"{name} is no part of this package")
+        raise SceneError(f"{name} is no part of this package")
     room, (outer, *inner) = _room_of(parts[1]), parts[2].split(".")
     outer = RENAMED.get(outer, outer)
     places = _places(room).get(outer, [])
     if not places:
-        raise ValueError(f"{name} is no part of this package")
+        raise SceneError(f"{name} is no part of this package")
     if len(places) > 1:
-        raise ValueError(f"{name} names {len(places)} classes of this package")
+        raise SceneError(f"{name} names {len(places)} classes of this package")
     kind: Any = getattr(import_module(places[0]), outer)
     for each in inner:
         kind = getattr(kind, each)

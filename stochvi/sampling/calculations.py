@@ -105,8 +105,8 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
                 if isinstance(error, StochviError):
                     raise
                 scenes = [each for each in given.values() if isinstance(each, Scene)]
-                document = scenes[0].document(as_written=True) if scenes else None
-                why = f"the scene {beyond_arithmetic(error, document)}"
+                document = scenes[0].document(as_written=True) if scenes else {}
+                why = f"the scene {beyond_arithmetic(error, {**given, **document})}"
                 raise NotApplicable(function.__name__, [why]) from error
         return answer
 

@@ -75,6 +75,7 @@ from support import CHECKOUT, judges
 from support.commands import Run as RunOfCommands
 from support.commands import refused
 from support.known import oscillator
+from support.mutations import BARE
 from support.pairs import pair, uncoupled
 from support.sized import scene_between_stops, sizing_of
 
@@ -593,7 +594,9 @@ def test_a_file_that_holds_no_answer_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "answer.json"
     wrong = {
         "{}": "'stochvi'",
-        "no JSON": "Expecting value",
+        "[]": "'stochvi'",
+        '{"stochvi": "0.1"}': "'answer'",
+        "no JSON": "it is not JSON from line 1, column 1, on, and names",
         '{"stochvi": "0.1", "answer": {"$kind": "os:system", "parts": {}}}': "no part of this",
         '{"stochvi": "0.1", "answer": {"$kind": "stochvi.sweeps:sweep", "parts": {}}}': "no part",
         '{"stochvi": "0.1", "answer": {"$kind": "results:SceneError", "parts": {}}}': "no kind",
@@ -604,14 +607,16 @@ def test_a_file_that_holds_no_answer_is_refused(tmp_path: Path) -> None:
     version = '{"stochvi": "1", "answer": '
     deep = {
         "[" * 100_000: "nested too deeply",
+        version + '{"$array": {"type": "<f8", "shape": [2], "bytes": "="}}}': "has a part that",
         version + "[" * 5_000 + "]" * 5_000 + "}": "nested too deeply|must hold an answer",
         version + '{"$tuple": [' * 900 + "]}" * 900 + "}": "nested too deeply|must hold an answer",
         version + '{"$table": []}}': "must be a file that save_answer wrote",
     }
     for text, words in (wrong | deep).items():
         file.write_text(text, encoding="utf-8")
-        with pytest.raises(ValueError, match=words):
+        with pytest.raises(ValueError, match=words) as told:
             stochvi.load_answer(file)
+        assert not BARE.search(str(told.value))
     known = stochvi.exact(stochvi.load_scene(shipped_scene("oscillator-elastic")))
     file.write_text(json.dumps(known.to_dict()))
     with pytest.raises(ValueError, match=r"stochvi\.Response\.from_dict.* makes the response"):
@@ -949,6 +954,14 @@ def test_a_calculation_names_the_number_that_it_overflows_with() -> None:
     with pytest.raises(NotApplicable, match="too far apart to calculate with") as told:
         overflowing(mild)
     assert "look at" not in str(told.value)
+    assert "(a number is too large)" in str(told.value)
+
+
+def test_a_calculation_names_the_argument_that_it_overflows_with() -> None:
+    scene = stochvi.load_scene(shipped_scene("oscillator-lossy"))
+    with pytest.raises(NotApplicable, match=r"look at speed_threshold = 1e\+300") as told:
+        stochvi.fokker_planck_density(scene, speed_threshold=1e300)
+    assert not BARE.search(str(told.value))
 
 
 def test_one_path_of_impacts_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:

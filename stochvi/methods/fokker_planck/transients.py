@@ -630,7 +630,7 @@ class Transient(Result):
     method: str = TRANSIENT
     effects: Sequence[str] = ()
     assumptions: Sequence[str] = ()
-    _states: tuple[_State | Gaussian, ...] = field(default=())
+    _states: tuple[_OnMesh | Gaussian, ...] = field(default=())
 
     def density(self, x: ArrayLike, v: ArrayLike, index: int) -> Array:
         """Joint density at times[index], per m and m/s; x and v are broadcast to one shape."""
@@ -654,7 +654,7 @@ class Transient(Result):
         return f"{len(self.times)} times from {TIME.span(min(self.times), max(self.times))}"
 
 
-class _State(NamedTuple):
+class _OnMesh(NamedTuple):
     """A density on a mesh."""
 
     operator: Operator
@@ -665,6 +665,13 @@ class _State(NamedTuple):
 
     def displacement_density(self, x: Array) -> Array:
         return self.operator.displacement_density(self.coefficients, x)
+
+
+class _State(_OnMesh):
+    """What older files call a density, with the law of one that no stop has touched yet."""
+
+    def __new__(cls, operator: Any, coefficients: Any, law: Gaussian | None = None) -> Any:
+        return law or _OnMesh(operator, coefficients)
 
 
 @calculation
@@ -917,7 +924,7 @@ def _transient_on_mesh(
 
 def _refined_transient(
     problem: _Problem, rtol: float, deadline: Deadline
-) -> tuple[Moments, Moments, tuple[_State | Gaussian, ...]]:
+) -> tuple[Moments, Moments, tuple[_OnMesh | Gaussian, ...]]:
     """Averages, bounds on their errors and densities, on the first level that reaches rtol."""
     answers = (_transient_on_mesh(problem, mesh, rtol) for mesh in meshes(problem.layout))
     for (coarse, *_), fine in in_pairs(answers, deadline):
@@ -927,7 +934,7 @@ def _refined_transient(
         if _worst_transient(values, errors) <= rtol:
             break
     found = tuple(
-        law or _State(operator, state)  # a law that no stop has touched yet
+        law or _OnMesh(operator, state)  # a law that no stop has touched yet
         for state, law in zip(states, problem.early, strict=True)
     )
     return values, errors, found

@@ -21,7 +21,7 @@ from pydantic import BeforeValidator, Field
 from stochvi.mathematics.units import checked
 from stochvi.model.model import UPPER, Model, Pair, inertia_of
 from stochvi.results.base import RESPONSE_QUANTITIES, DataFrame, Response
-from stochvi.results.errors import SceneError
+from stochvi.results.errors import SceneError, not_json
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.excitations import (
     BASE,
@@ -304,11 +304,12 @@ def read_problem(path: str | Path) -> Problem:
     >>> read_problem(file).intensity
     0.2
     """
+    text = read_text(Path(path))
     try:
-        document = json.loads(read_text(Path(path)))
-    except (json.JSONDecodeError, RecursionError) as error:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:
         raise SceneError(
-            f"{path} is not JSON ({error}); a problem file is what `stochvi problems --out` writes"
+            f"{path} {not_json(error)}; a problem file is what `stochvi problems --out` writes"
         ) from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise SceneError(
