@@ -35,7 +35,8 @@ WORDS = {
     "upper": "upper stop",
     "coefficient": "restitution",
     "level_db": "level",
-    "stiffness": "stiffness",
+    "young": "Young's modulus",
+    "poisson": "Poisson's ratio",
 }
 """What a knob is called, where its key says it in other words."""
 
@@ -107,6 +108,8 @@ def _of_part(document: Mapping[str, Any], key: str, part: Mapping[str, Any]) -> 
         if not (value or name in RANGES):
             continue
         words = WORDS.get(name, name.replace("_", " "))
+        if key.startswith("excitation") and name == "frequency_hz":
+            words = "frequency of the sine"
         unit = UNITS.get(name) or key_unit(document, part, name)
         reach = REACH_OF_STOPS if (key[:6], name) == ("impact", "stiffness") else REACH
         low, high = _range(str(part.get("kind", "")), name, float(value), reach)

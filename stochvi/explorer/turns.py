@@ -22,6 +22,7 @@ text of a table.
 - Its `knobs` and `tolerances` have `key`, `words`, `unit`, `value`, `low`, `high`, `logarithmic`.
 - Its choices are `profile`, `profiles`, `takes_table`, `law`, `laws`.
 - answer has its `stage` (closed, simulated, refined), its `part`, and `numbers`, or else `missing`.
+  `next` says what is computed after it.
 
 What cannot be is answered by refused, with a `sentence`.
 """
@@ -34,7 +35,7 @@ import queue
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,6 @@ import numpy as np
 from stochvi.absorbers.performance import absorber
 from stochvi.explorer.knobs import (
     PRESETS,
-    SIZED,
     Design,
     Setting,
     chosen,
@@ -56,6 +56,7 @@ from stochvi.explorer.knobs import (
 )
 from stochvi.explorer.takeaways import (
     CommandLine,
+    ends_of,
     offers_of,
     question_of,
     taken,
@@ -67,6 +68,7 @@ from stochvi.isolators.sizing.size import risk_curve
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import record_path, simulate
 from stochvi.methods.periodic import harmonic_response
+from stochvi.model.model import model_of
 from stochvi.results.base import Response
 from stochvi.results.errors import StochviError
 from stochvi.results.estimates import Estimate
@@ -99,6 +101,19 @@ LINEAR = "linear motion without stops"
 
 PERIODS, SAMPLES = 40, 40
 """Periods of the motion that moves on the page, and samples in each."""
+
+BESIDE = ("linear", "stiffness")
+"""Parts that wait for no other turn, nor another turn for them: one needs no kernel, and one
+compiles many where it is first asked for."""
+
+NEXT = {
+    "linear": "the linear motion", "rate": "simulating impacts", "risk": "counting crossings",
+    "motion": "the moving picture", "closure": "the closure", "spectra": "the spectra",
+    "finer_rate": "simulating impacts with more paths", "dot": "simulating other clearances",
+    "stiffness": "other stops; their kernels compile for up to a minute at first",
+    "branches": "periodic motions", "absorbed": "simulating the absorber",
+}  # fmt: skip
+"""What a turn does, by its part."""
 
 MOST_TABS, LONGEST_TAB = 64, 40
 """Largest number of turns and confirmations that are remembered, and letters of a tab."""
@@ -187,32 +202,27 @@ class Turn:
             yield from self._boxed() if kind == "box" else self._paired()
 
     def _paired(self) -> Iterator[tuple[str, Callable[[], Message]]]:
-        yield from (
-            ("simulated", self.rate), ("simulated", self.risk), ("simulated", self.motion),
-            ("closed", self.closure), ("closed", self.spectra), ("refined", self.finer_rate),
-        )  # fmt: skip
+        alone = len(model_of(self.scene).stiffness) == 1
+        yield from (("simulated", self.rate), ("simulated", self.risk), ("simulated", self.motion))
+        if alone:
+            yield "closed", self.spectra
+        yield from (("closed", self.closure), ("refined", self.finer_rate))
         for share in DOTS:
             yield "refined", self.dot(share)
         pair = self.scene.expanded.impact_pairs[0]
-        if all(hasattr(law, "stiffness") for _, law in pair.stops()):
+        if alone and all(hasattr(law, "stiffness") for _, law in pair.stops()):
             yield "refined", self.stiffness
 
     def _boxed(self) -> Iterator[tuple[str, Callable[[], Message]]]:
         yield from (("simulated", self.rate), ("simulated", self.risk))
 
-    def stages(self) -> Iterator[Message]:
-        """The messages of the answer, each part computed when it is asked for."""
-        for stage, part in self.parts():
-            if self.stale.is_set():
-                return
-            try:
-                found = part()
-            except Stale:
-                return
-            except (StochviError, ValueError) as reason:
-                found = {"part": part.__name__, "missing": str(reason)}
-            yield {"type": "answer", "id": self.id, "stage": stage, **found}
-        yield {"type": "done", "id": self.id}
+    def answer(self, stage: str, part: Callable[[], Message]) -> Message:
+        """The message of a part of the answer, or why it is missing."""
+        try:
+            found = part()
+        except (StochviError, ValueError) as reason:
+            found = {"part": part.__name__, "missing": str(reason)}
+        return {"type": "answer", "id": self.id, "stage": stage, **found}
 
     def look(self, *_: Any) -> None:
         """As the progress of a calculation it ends one for which nobody waits."""
@@ -337,17 +347,25 @@ class Turn:
 
     def motion(self) -> Message:
         """A piece of one simulated path, for the moving picture."""
+        model = model_of(self.scene)
+        alone = len(model.stiffness) == 1
         gap = screen(self.scene).impact_pairs[self.pair]
         omega = gap.velocity_std / gap.displacement_std
         period = 2.0 * math.pi / omega
         path = record_path(
-            self.scene, duration=PERIODS * period, step=period / SAMPLES, seed=self.seed,
-            budget=BUDGET,
+            self.scene, duration=PERIODS * period, step=period / SAMPLES if alone else None,
+            seed=self.seed, budget=BUDGET,
         )  # fmt: skip
-        names = ("time", "displacement", "impact_speed")
-        if not {*names} <= {*path}:
-            raise ValueError("the motion is drawn of one mass alone")
-        return {"part": "motion", "path": columns(path, names)}
+        modes = path.filter(regex="^displacement").to_numpy()
+        speeds = path.filter(regex="^impact_speed").to_numpy()[:, 0]
+        # as many samples as the picture shows, each with the impacts since the one before
+        every = max(len(path) // (PERIODS * SAMPLES), 1)
+        starts = np.arange(0, len(path) - every + 1, every)
+        return {"part": "motion", "path": {
+            "time": finite(path["time"].to_numpy()[starts + every - 1]),
+            "displacement": finite((modes @ model.pairs[0].direction)[starts + every - 1]),
+            "impact_speed": finite(np.add.reduceat(speeds, starts)),
+        }}  # fmt: skip
 
     def dot(self, share: float) -> Callable[[], Message]:
         """What gives the impact rate by the closure and by simulation at a clearance."""
@@ -371,13 +389,25 @@ class Turn:
         """The periodic motions about the frequency of a sine, stable or not."""
         asked = question_of(self.design, self.seed).arguments
         found = harmonic_response(self.scene, budget=BUDGET, **asked).to_frame()
-        return {"part": "branches", "table": columns(found)}
+        frequencies = found["frequency_hz"].to_numpy()
+        own = math.sqrt(math.prod(ends_of(self.scene)))
+        near = frequencies[np.argmin(abs(frequencies - own))]
+        stable = found[(frequencies == near) & (found["stable"] > 0) & (found["admissible"] > 0)]
+        sizes = ", ".join(f"{1e3 * each:.3g} mm" for each in sorted(stable["amplitude"]))
+        sentence = f"Stable motions at {near:.4g} Hz, by their amplitude: {sizes or 'none'}."
+        return {"part": "branches", "table": columns(found), "sentence": sentence}
 
     def absorbed(self) -> Message:
         """What an absorber leaves of the motion at the level of the scene, and below and above."""
         asked = question_of(self.design, self.seed).arguments
         found = absorber(self.scene, budget=BUDGET, progress=self.look, **asked).to_frame()
-        return {"part": "absorbed", "table": columns(found)}
+        own = found[found["level_db"] == 0.0].iloc[0]
+        number = {"name": "rms with the absorber over that without", "unit": "",
+                  "value": float(own["rms_ratio"]), "low": float(own["rms_ratio_low"]),
+                  "high": float(own["rms_ratio_high"]), "method": "simulated"}  # fmt: skip
+        sentence = f"The absorber leaves {100 * own['rms_ratio']:.2g} % of the rms motion."
+        return {"part": "absorbed", "table": columns(found), "numbers": [number],
+                "sentence": sentence}  # fmt: skip
 
     def confirmed(self, progress: Callable[[float, str], None]) -> Message:
         """The impacts at the design, simulated until they are well known."""
@@ -541,20 +571,26 @@ class Explorer:
         yield {"type": "file", "id": number, "name": name, "media": media, "text": text}
 
     def _worked(self, turn: Turn) -> Iterator[Message]:
-        """The messages of a turn, one turn at work at a time.
-
-        The linear motion needs no kernel, and waits for no other turn.
-        """
-        stages = turn.stages()
-        yield from islice(stages, int(kind_of(turn.scene) in SIZED))
-        while True:
-            while not self.work.acquire(timeout=PATIENCE):
-                if turn.stale.is_set():  # else those who turn fast leave a queue behind them
-                    return
-            try:
-                found = next(stages, None)
-            finally:
-                self.work.release()
-            if found is None:
+        """The messages of a turn, one turn at work at a time, but for the parts `BESIDE`."""
+        parts = [*turn.parts()]
+        for (stage, part), after in zip_longest(parts, parts[1:]):
+            beside = part.__name__ in BESIDE
+            if not (beside or self._waited(turn)):
                 return
-            yield found
+            try:
+                turn.look()
+                found = turn.answer(stage, part)
+            except Stale:
+                return
+            finally:
+                if not beside:
+                    self.work.release()
+            yield found | {"next": NEXT.get(after[1].__name__, "") if after else ""}
+        yield {"type": "done", "id": turn.id}
+
+    def _waited(self, turn: Turn) -> bool:
+        """Whether the kernels are free for a turn before it is stale."""
+        while not self.work.acquire(timeout=PATIENCE):
+            if turn.stale.is_set():  # else those who turn fast leave a queue behind them
+                return False
+        return True

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -40,11 +39,7 @@ def turn_of(values: dict[str, Any], **others: Any) -> dict[str, Any]:
 def client(monkeypatch: pytest.MonkeyPatch) -> TestClient:
     """A browser on this machine that knows no token. A turn ends after its closed forms."""
 
-    def closed_forms(turn: Turn) -> Iterator[dict[str, Any]]:
-        yield {"type": "answer", "id": turn.id, "stage": "closed", **turn.linear()}
-        yield {"type": "done", "id": turn.id}
-
-    monkeypatch.setattr(Turn, "stages", closed_forms)
+    monkeypatch.setattr(Turn, "parts", lambda turn: iter([("closed", turn.linear)]))
     app = server.app_of(Explorer(TRUCK), PORT, TOKEN, lambda: None)
     return TestClient(app, base_url=HERE)
 
@@ -251,6 +246,18 @@ def test_a_turn_that_is_overtaken_on_its_way_does_not_end_the_later_one(
     assert next(late)["part"] == "linear"
     assert list(early) == []
     assert next(late)["part"] == "rate"
+
+
+def test_another_stiffness_compiles_beside_the_turns_of_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    explorer = Explorer(TRUCK)
+    waited = []
+    monkeypatch.setattr(Turn, "stiffness", lambda _: waited.append(explorer.work.locked()) or {})
+    Turn.stiffness.__name__ = "stiffness"
+    monkeypatch.setattr(Turn, "parts", lambda turn: iter([("refined", turn.stiffness)]))
+    assert [each["type"] for each in explorer.answers(turn_of({}))] == ["answer", "done"]
+    assert waited == [False]
 
 
 def test_a_scene_that_the_page_does_not_show_is_refused(stochvi: Run, tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 // A box with its mounts and snubbers, seen at an angle; a snubber has the colour of its risk.
 import { drawn, element } from "./figures.js";
 
-const WIDTH = 560, HEIGHT = 260, EDGE = 70;
+const WIDTH = 560, HEIGHT = 260, EDGE = 130;
 const shares = (value) => (value > 0.9995 ? "100 %" : value < 1e-6 ? "under 1e-4 %" : `${Number((100 * value).toPrecision(2))} %`);
 
 // places of the drawing of points [x, y, z]: x to the right, y into the depth, z upwards
@@ -28,7 +28,8 @@ export function box() {
         ...mounts.map(at).map(([x, y]) => drawn("rect", { class: "mount", x: x - 6, y: y - 6, width: 12, height: 12 })),
         ...corners.flatMap((each) => {
           const [x, y] = at(each.at);
-          const words = drawn("text", { x, y: y - 14, "text-anchor": x > WIDTH / 2 ? "end" : "start" });
+          const out = Math.abs(x - WIDTH / 2) < WIDTH / 6 ? 0 : Math.sign(x - WIDTH / 2); // words stand outside the box
+          const words = drawn("text", { x: x + 14 * out, y: y + (out ? 4 : -14), "text-anchor": ["end", "middle", "start"][out + 1] });
           words.append(`${each.name}, ${shares(each.probability)}`);
           const full = Math.max(0, Math.min(1, 1 + Math.log10(Math.max(each.probability, 1e-6)) / 6));
           return [drawn("circle", { class: "snubber", cx: x, cy: y, r: 9, "fill-opacity": full.toFixed(2) }), words];

@@ -8,7 +8,7 @@ import { picture } from "./pictures.js";
 
 const STAGES = { closed: "closed forms", simulated: "simulated", refined: "refined" };
 const SIDES = { lower: -1, upper: 1 };
-const FILES = { scene: "Scene file", command: "Command line", python: "Python lines", csv: "CSV of the risk", report: "Report", html: "Page without Python" };
+const FILES = { scene: "Scene file", command: "Command line", python: "Python lines", csv: "CSV", report: "Report", html: "Page without Python" };
 const BARE = { "g²/Hz": "Hz,g2/Hz", "(m/s²)²/Hz": "Hz,(m/s2)2/Hz" };
 const SHOWN = ["application/toml", "text/plain", "text/x-python"]; // texts to copy; others are saved at once
 const stopKey = (side) => `impact_pair.0.${side}`;
@@ -45,7 +45,8 @@ function knobRow(knob, system, turned, tell) {
     typed.setAttribute("aria-label", `${label.textContent}, typed`);
     range.value = Math.round((1000 * (place(knob.now) - place(knob.low))) / width);
     range.setAttribute("aria-valuetext", spoken(knob.now, knob.unit, system()));
-    typed.value = Number((knob.now * factor).toPrecision(4));
+    const number = Number((knob.now * factor).toPrecision(4));
+    typed.value = Math.abs(number) >= 1e7 ? number.toExponential() : number;
   };
   range.addEventListener("input", () => {
     knob.now = back(place(knob.low) + (width * range.value) / 1000);
@@ -170,7 +171,7 @@ function render({ model, el }) {
     id = count += 1;
     asked = performance.now();
     answer = { numbers: {}, dots: [], stiffness: [], kept: { ...answer.kept, ...answer.numbers } };
-    state.textContent = "asking";
+    state.textContent = "computing";
     for (const each of [el, ...el.querySelectorAll("figure, table.numbers")]) each.classList.add("stale");
     moving.show(null);
     remember("setting", settingNow());
@@ -350,6 +351,7 @@ function render({ model, el }) {
       ...(answer.required ? [{ at: answer.required, name: "required", kind: "required" }] : []),
     ]);
     const all = { ...answer.kept, ...answer.numbers };
+    results.hidden = !Object.keys(all).length;
     numbers.replaceChildren(...Object.values(all).map((each) => row(each.name, withInterval(each, system), each.method)));
     compare();
   }
@@ -410,10 +412,10 @@ function render({ model, el }) {
 
   const TAKEN = {
     spectra: (message) => ({ spectra: message }),
-    absorbed: (message) => ({ absorbed: message.table }),
-    branches: (message) => ({ branches: message.table }),
+    absorbed: (message) => ({ absorbed: message.table, sentence: message.sentence }),
+    branches: (message) => ({ branches: message.table, sentence: message.sentence }),
     linear: (message) => ({ three: message.three_sigma, clearances: message.clearances, rice: message.rice, usual: message.rice_probability, own: own() }),
-    risk: (message) => ({ curve: message.curve, required: message.numbers.at(-1).value, sentence: message.sentence, lines: message.lines, box: message.box }),
+    risk: (message) => ({ curve: message.curve ?? message.shared, required: message.numbers.at(-1).value, sentence: message.sentence, lines: message.lines, box: message.box }),
   };
   // what is no longer pale once a part is there
   const FRESH = { linear: () => pictures.rate.box, rate: () => results, motion: () => moving.box };
@@ -465,7 +467,10 @@ function render({ model, el }) {
       if (message.missing) {
         answer.missing = message.missing;
         state.textContent = message.missing;
-        if (message.part === "risk") silence();
+        if (message.part !== "risk") return;
+        silence(); // what is known is in the table and the pictures
+        answer.sentence = `The required clearance is not known: ${message.missing}.`;
+        paint();
         return;
       }
       for (const each of message.numbers ?? []) if (each) answer.numbers[each.name] = each;
@@ -476,7 +481,8 @@ function render({ model, el }) {
       if (message.box) pictures.box.box.classList.remove("stale");
       if (message.part === "risk") el.classList.remove("stale");
       FRESH[message.part]?.().classList.remove("stale");
-      state.textContent = `${STAGES[message.stage]}, ${Math.round(performance.now() - asked)} ms after the turn`;
+      state.textContent = `${STAGES[message.stage]}, ${digits((performance.now() - asked) / 1e3)} s after the turn`;
+      if (message.next) state.textContent += `; now ${message.next}`;
       paint();
       if (pinned?.answer === answer) remember("pinned", pinned); // it was pinned before all was known
       el.dispatchEvent(new CustomEvent("painted", { detail: { ...message, milliseconds: performance.now() - asked } }));

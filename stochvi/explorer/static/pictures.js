@@ -76,7 +76,7 @@ export function picture({ title, method, x, y, colours }) {
     for (const level of shown.levels ?? []) stroke(u, level, [left, py(level.y)], [left + width, py(level.y)]);
     for (const mark of shown.marks ?? []) {
       const at = px(mark.x);
-      if (at > left && at <= left + width) stroke(u, mark, [at, top], [at, top + height], mark.name);
+      if (at > left - 1 && at <= left + width) stroke(u, mark, [at, top], [at, top + height], mark.name);
     }
     for (const { colour, points } of shown.dots ?? []) {
       for (const each of points) {
@@ -105,6 +105,7 @@ export function picture({ title, method, x, y, colours }) {
   function all(name) {
     const list = shown.curves.flatMap((each) => [...each[name], ...(name === "y" ? each.high ?? [] : [])]);
     for (const { points } of shown.dots ?? []) for (const each of points) list.push(each[name], ...(name === "y" ? [each.low, each.high] : []));
+    if (name === "y" && !y.log) list.push(...(shown.levels ?? []).map((each) => each.y));
     return list.map((each) => each * scales[name === "x" ? 0 : 1]);
   }
 
