@@ -90,6 +90,7 @@ def api_pages() -> Iterator[tuple[str, str]]:
         own = [
             f"stochvi.{room}.{name}" for name in names
             if id(getattr(package, name)) not in at_top
+            and f"{room}.{name}" not in SUBJECTS
             and (room != "scenes" or home_of(getattr(package, name)) == room)
         ]  # fmt: skip
         if room == "scenes.excitations":
