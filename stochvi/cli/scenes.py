@@ -292,6 +292,10 @@ def _with_numbers(kind: str, given: dict[str, str | None]) -> str:
     (mass, mounts, stiffness, zeta) = (numbers[name][0] for name in MOUNTS)
     if mounts < 1 or mounts != int(mounts):
         raise ValueError(f"--mounts must be a whole number from 1 on, got {mounts:g}")
+    if not 0.0 < zeta < 1.0:
+        raise ValueError(
+            f"--zeta must be a ratio between 0 and 1, such as 0.12 or 12%, got {zeta:g}"
+        )
     fields |= {"soft": f"{0.25 * stiffness:.6g}", "slips": f"{0.75 * stiffness:.6g}"}
     if kind == "box":
         fields |= _box(mass, int(mounts), stiffness, zeta, numbers["size"])

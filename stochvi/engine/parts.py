@@ -245,6 +245,13 @@ def _(law):
     return True
 
 
+def bodies_lacking(law: Any) -> list[str]:
+    """Names of the functions that a class of laws must have bodies for, and has none."""
+    asked = (rebound, read_law) if is_rigid(law) else (force, rate, read_law)
+    kind = type(law)
+    return [each.__name__ for each in asked if each.body(kind) in (None, each.made_of.get(object))]
+
+
 # ------------------------------------------------------------------------------
 # What a kernel asks of a spring or damper that is a function.
 #

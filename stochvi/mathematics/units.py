@@ -577,8 +577,8 @@ def measured_in(text: str, name: str) -> float:
     --------
     >>> measured_in("4mm", "m"), measured_in("10 m/s", "km/h"), measured_in("3 dB", "dB")
     (0.004, 36.0, 3.0)
-    >>> measured_in("4", "km/h"), measured_in("0.5", "")
-    (4.0, 0.5)
+    >>> measured_in("4", "km/h"), measured_in("0.5", ""), measured_in("12 %", "")
+    (4.0, 0.5, 0.12)
     """
     try:
         return float(text)
@@ -586,6 +586,8 @@ def measured_in(text: str, name: str) -> float:
         pass
     found = MEASURED.fullmatch(text)
     try:
+        if found and not name and found[2] == "%":
+            return float(found[1]) / 100.0
         if not found or not found[2] or not name:
             raise ValueError
         number, spelling = float(found[1]), found[2].strip()

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stochvi.engine.parts import bodies_lacking
 from stochvi.mathematics.numerics import CANCELLATION, Matrix, Vector, Waves
 from stochvi.mathematics.spectra import (
     Change,
@@ -185,11 +186,18 @@ def moving_stops(model: Model) -> list[str]:
 
 def not_compiled(model: Model) -> list[str]:
     """A sentence for each impact law of a model that no simulation can follow."""
-    return [
-        f"law must be one that a simulation follows, got {law.kind!r} {place}"
-        for law, place in _laws(model)
-        if law.compiled() is None
-    ]
+    found = []
+    for law, place in _laws(model):
+        compiled = law.compiled()
+        lacking = [] if compiled is None else bodies_lacking(compiled)
+        if lacking:
+            own = f"; write @{lacking[0]}.of({type(compiled).__name__}) for its class of kernels"
+        if lacking or compiled is None:
+            found.append(
+                f"law must be one that a simulation follows, got {law.kind!r} {place}"
+                f"{own if lacking else ''}"
+            )
+    return found
 
 
 def speed_functions(model: Model) -> list[str]:

@@ -10,7 +10,7 @@ import warnings
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import pytest
@@ -68,6 +68,19 @@ class Alike(Half):
 
     def compiled(self) -> Any:
         return SHIPPED.compiled()
+
+
+class Bare(NamedTuple):
+    """A law of kernels for which no function has a body."""
+
+    factor: float
+
+
+class WithoutBodies(Half):
+    kind: Literal["without-bodies"] = "without-bodies"  # type: ignore[assignment]
+
+    def compiled(self) -> Any:
+        return Bare(self.factor)
 
 
 class Unfinished(CompliantLaw):
@@ -179,6 +192,14 @@ def test_methods_take_a_law_of_a_user_as_one_that_ships() -> None:
     for method in (stochvi.exact, stochvi.linearise):
         with pytest.raises(stochvi.NotApplicable, match="got a function of speed"):
             method(own)
+
+
+def test_a_law_whose_kernels_have_no_bodies_is_refused_with_the_way_out() -> None:
+    """It was followed as a stop without a force."""
+    scene = load_scene(shipped_scene("oscillator-lossy"))
+    own = scene.replace(impact_pairs=[ImpactPair(clearance=1.0, law=WithoutBodies())])
+    with pytest.raises(stochvi.NotApplicable, match=r"write @force\.of\(Bare\)"):
+        stochvi.simulate(own, paths=4, duration=50.0)
 
 
 def test_subclasses_of_shipped_laws_are_refused_with_the_way_out() -> None:
