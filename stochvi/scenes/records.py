@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy
@@ -452,21 +452,27 @@ def read_record(
             identity = found.st_ino, found.st_size, found.st_mtime_ns
     names = None if variables is None else tuple(variables)
     with in_command():
-        return _read_once(path, identity, fs, column, names, dataset, full_scale, gaps, fewest)
+        place = _Place(column, names, dataset, full_scale)
+        return _read_once(path, identity, fs, place, gaps, fewest)
+
+
+class _Place(NamedTuple):
+    """Where in a file a record stands, see `read_columns`."""
+
+    column: int | str | None
+    variables: tuple[str, ...] | None
+    dataset: int | None
+    full_scale: float | None
 
 
 @lru_cache(maxsize=2, typed=True)
 def _read_once(
-    path: Path | Frame, _: tuple[int, ...], fs: float | None, column: int | str | None,
-    variables: tuple[str, ...] | None, dataset: int | None, full_scale: float | None,
+    path: Path | Frame, _: tuple[int, ...], fs: float | None, place: _Place,
     gaps: Literal["refuse", "split"], fewest: int,
 ) -> tuple[Record, Columns]:  # fmt: skip
     """The record of a file. The same file again, as a scene asks for it, costs nothing."""
     names = ("acceleration",) if fs is not None else ("time", "acceleration")
-    columns = read_columns(
-        path, names, column=column, variables=variables, dataset=dataset, full_scale=full_scale,
-        function_type=TIME_RESPONSE,
-    )  # fmt: skip
+    columns = read_columns(path, names, function_type=TIME_RESPONSE, **place._asdict())
     times, values = columns.x, columns.y
     notes: tuple[str, ...] = ()
     missing = ~np.isfinite(values)

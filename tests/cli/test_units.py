@@ -20,8 +20,8 @@ from stochvi.mathematics.units import CHOICES, units_of
 from stochvi.scenes.datasets import shipped_scene
 from support.commands import ELASTIC, ISOLATOR, Run, one_document, refused
 
-WITHOUT_ANSWERS = {"profiles", "new", "schema"}
-"""Commands that show no numbers of an answer."""
+WITHOUT_ANSWERS = {"profiles", "new", "schema", "explore"}
+"""Commands that show no numbers of an answer; the page of `explore` has a knob of its own."""
 
 CHOSEN = "in, ft/s2, mm/s, lbf, mJ, ms, per hour"
 SIZES = {

@@ -353,6 +353,7 @@ def test_many_pairs_read_by_their_ends_and_alike_ones_are_one_line(both: Sizing)
         clearances={"x": x, "twin": x, "third": replace(x, value=1.01 * x.value), "z": z},
         curve=both.curve.assign(twin=both.curve["x"], third=1.01 * both.curve["x"]),
         tolerances=pd.DataFrame(),
+        allowed=Tolerances(),
     )
     ends = [many.each_made[name] for name in ("x", "z")]
     assert f"Make from {ends[0]} at x to {ends[1]} at z, each of 4 pairs" in many.verdict()

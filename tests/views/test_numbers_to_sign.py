@@ -145,8 +145,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> Drawn:
 
     for module in (missions, sections, sizing):
         monkeypatch.setattr(module, "Picture", shown)
-    for each in (missions, sections):
-        monkeypatch.setattr(each, "draw_problem", lambda scene, *_: seen.append(scene.impact_pairs))
+    monkeypatch.setattr(sections, "draw_problem", lambda scene, *_: seen.append(scene.impact_pairs))
     monkeypatch.setattr(sections, "draw_gaps", lambda stops, _: seen.append(tuple(stops)))
     return seen
 
