@@ -87,6 +87,9 @@ simulated."""
 HALVINGS = 40
 """Number of times that the step to a grazing is halved."""
 
+FAR = 1e3
+"""Size of a state up to which Newton's iteration goes on from any start."""
+
 NEAR = 0.3
 """Newton's iteration shows whether a regime belongs to a branch. It is started up to this distance
 of a state from the branch, relative to the size of the regime."""
@@ -364,9 +367,13 @@ class ContactFinder(Finder):
             return None
         return orbit
 
-    def orbit(self, start: Vector, periods: int, sigma: float, reach: float = 1e3) -> Orbit | None:
+    def orbit(
+        self, start: Vector, periods: int, sigma: float, reach: float | None = None
+    ) -> Orbit | None:
         """The regime that Newton's iteration ends at; None where it fails, or leaves the states
-        within a reach."""
+        within a reach, which by default grows with the start: in resonance with light damping
+        motions have a thousand times the size of others."""
+        most = max(FAR, REACH * float(np.abs(start).max())) if reach is None else reach
         ends = np.empty((0, len(start)))
 
         def equations(state: Vector) -> Linearised | None:
@@ -379,7 +386,7 @@ class ContactFinder(Finder):
 
         found = _root(
             equations, start, self.precision.converged,
-            lambda state: bool(np.abs(state).max() < reach),
+            lambda state: bool(np.abs(state).max() < most),
         )  # fmt: skip
         if found is None:
             return None

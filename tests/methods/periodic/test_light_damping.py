@@ -11,6 +11,9 @@ import pytest
 from scipy.optimize import fsolve
 
 from stochvi import Elastic, ImpactPair, Isolator, Oscillator, Restitution, Scene, harmonic_response
+from stochvi.methods.periodic.contact_branches import ContactFinder
+from stochvi.methods.periodic.family import Family
+from stochvi.model.model import model_of
 from stochvi.scenes import Duffing
 from stochvi.scenes.excitations import Sine
 
@@ -75,6 +78,15 @@ class Balance:
         return w / (2.0 * math.pi), self.largest(u), after, beyond
 
 
+def hardening(damping: float, amplitude: float, cubic: float, hertz: float) -> Scene:
+    return Scene(
+        structure=Oscillator(
+            mass=1.0, damping=damping, stiffness=1.0, spring=Duffing(cubic_stiffness=cubic)
+        ),
+        excitations=[Sine(amplitude=amplitude, frequency_hz=hertz)],
+    )
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("damping", "amplitude", "cubic", "high"),
@@ -88,12 +100,7 @@ def test_a_hardening_spring_jumps_once_up_and_once_down(
     damping: float, amplitude: float, cubic: float, high: float
 ) -> None:
     found = harmonic_response(
-        Scene(
-            structure=Oscillator(
-                mass=1.0, damping=damping, stiffness=1.0, spring=Duffing(cubic_stiffness=cubic)
-            ),
-            excitations=[Sine(amplitude=amplitude, frequency_hz=0.2)],
-        ),
+        hardening(damping, amplitude, cubic, 0.2),
         np.linspace(0.12, high, 15),
         budget=None,
     )
@@ -106,6 +113,21 @@ def test_a_hardening_spring_jumps_once_up_and_once_down(
     # a multiplier is 1 at a fold, which breaks no symmetry; nothing else stands than the branch
     assert [each.name for each in found.special_points] == ["fold", "fold"]
     assert found.starts is not None and found.starts.all_listed and not found.starts.warning
+
+
+def test_newton_finds_a_motion_a_thousand_times_as_large_as_under_a_force_at_rest() -> None:
+    """It was given up there, and the motion on which a slow sweep had settled called chaotic."""
+    damping, amplitude, cubic, hertz = 2e-4, 1e-4, 0.3, 0.159335
+    w = 2.0 * math.pi * hertz
+    model = model_of(hardening(damping, amplitude, cubic, hertz))
+    family = Family.of(lambda _: model, w / 1.1, w * 1.1, None)
+    found = ContactFinder(family, np.array([0.5]), 1).orbit(np.array([1139.4, 275.6]), 1, 0.5)
+    start = np.zeros(2 * len(ORDERS))
+    start[0], start[len(ORDERS)] = 0.114, 0.028
+    known = Balance(damping, cubic, amplitude).regime(start, w)
+    assert found is not None and known[: len(ORDERS)].sum() > 1000.0 * amplitude
+    reached = amplitude / w**2 * found.state[0]  # kernels count in what the force alone moves
+    assert reached == pytest.approx(known[: len(ORDERS)].sum(), rel=1e-6)
 
 
 OMEGA, GAP, AMPLITUDE = 2.0 * math.pi * 12.0, 2e-3, 0.5
