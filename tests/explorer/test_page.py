@@ -78,7 +78,7 @@ def test_the_truck_needs_its_clearance(page: Any) -> None:
     assert "11.21 (11.20 to 11.21) mm" in page.inner_text("table.numbers")
     assert "Make 11.3 mm on each side" in page.inner_text(".answer")
     assert "Three sigma, 5.96 mm: hit almost surely" in page.inner_text(".facts")
-    assert page.locator(".pictures figure canvas").count() == 2
+    assert page.locator(".pictures figure canvas").count() >= 2  # risk, rates; others follow
 
 
 def turned_by(page: Any, turn: Callable[[], None], wait: Callable[[Any], None] = sized) -> str:
@@ -323,7 +323,7 @@ def test_texts_are_taken_away(page: Any, button: str, words: str) -> None:
 
 @pytest.mark.parametrize(
     ("button", "name", "words"),
-    [("CSV of the risk", "design.csv", "clearance,"), ("Report", "report.html", "11.3")],
+    [("CSV", "design.csv", "clearance,"), ("Report", "report.html", "11.3")],
 )
 def test_files_are_taken_away(page: Any, button: str, name: str, words: str) -> None:
     with page.expect_download() as saved:
