@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from stochvi.isolators.tolerances import Tolerances
+from stochvi.isolators.tolerances import KEYS, NAMES, Tolerances
 from stochvi.model.model import model_of
 from stochvi.results.errors import SceneError
 from stochvi.scenes.datasets import profiles, shipped_scene
@@ -75,12 +75,9 @@ PROBABILITY = Knob(
 )
 
 TOLERANCES = {
-    "frequency": ("natural frequency", "", 0.5),
-    "damping": ("damping ratio", "", 0.9),
-    "level_db": ("level", "dB", 6.0),
-    "centre": ("centre of mass", "m", 0.02),
-}
-"""Tolerances that a clearance depends on: what may be off, its unit, and by how much at most."""
+    "frequency": ("", 0.5), "damping": ("", 0.9), "level": ("dB", 6.0), "centre": ("m", 0.02),
+}  # fmt: skip
+"""Tolerances that a clearance depends on: the unit, and by how much it may be off at most."""
 
 
 def knobs_of(scene: Scene) -> list[Knob]:
@@ -154,10 +151,10 @@ def questions_of(scene: Scene) -> list[Knob]:
     ]
     found = [MISSION, PROBABILITY]
     for name in kept:
-        words, unit, most = TOLERANCES[name]
-        value = float(stated[name])
+        key, (unit, most) = KEYS.get(name, name), TOLERANCES[name]
+        value = float(stated[key])
         found.append(
-            Knob(f"tolerances.{name}", f"tolerance of the {words}", unit, value, 0.0,
+            Knob(f"tolerances.{key}", f"tolerance of the {NAMES[name]}", unit, value, 0.0,
                  max(most, value), group="tolerances")
         )  # fmt: skip
     return found

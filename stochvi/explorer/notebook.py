@@ -8,7 +8,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from stochvi.explorer.turns import Explorer, Refused
+from stochvi.explorer.turns import Explorer, told
 from stochvi.results.errors import StochviError
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import Scene, load_scene
@@ -109,10 +109,8 @@ def explore(scene: Scene | None = None, *, seed: int = 0) -> Any:
 
     def answer(message: Any) -> None:
         try:
-            for each in explorer.answers(message):
+            for each in told(explorer.answers(message)):
                 panel.send(each)
-        except Refused as reason:
-            panel.send({"type": "refused", "id": reason.id, "sentence": str(reason)})
         except (ValueError, RecursionError) as reason:
             panel.send({"type": "refused", "sentence": f"no message: {reason}"[:300]})
 

@@ -13,9 +13,8 @@ import secrets
 import socket
 import threading
 import webbrowser
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
-from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
@@ -24,24 +23,23 @@ from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from stochvi.explorer.turns import Explorer, Refused
+from stochvi.explorer.turns import Explorer, told
 
 STATIC = Path(__file__).parent / "static"
 
-FILES = {
-    "/": ("index.html", "text/html"),
-    "/explore.js": ("explore.js", "text/javascript"),
-    "/box.js": ("box.js", "text/javascript"),
-    "/figures.js": ("figures.js", "text/javascript"),
-    "/motion.js": ("motion.js", "text/javascript"),
-    "/pictures.js": ("pictures.js", "text/javascript"),
-    "/page.js": ("page.js", "text/javascript"),
-    "/explore.css": ("explore.css", "text/css"),
-    "/icon.svg": ("icon.svg", "image/svg+xml"),
-    "/uPlot.iife.min.js": ("uPlot.iife.min.js", "text/javascript"),
-    "/uPlot.min.css": ("uPlot.min.css", "text/css"),
-}
+FILES = {"/": "index.html"} | {
+    f"/{name}": name
+    for name in (
+        "page.js", "explore.js", "box.js", "figures.js", "motion.js", "pictures.js", "explore.css",
+        "icon.svg", "uPlot.iife.min.js", "uPlot.min.css",
+    )
+}  # fmt: skip
 """What is served without the token, by its path: nothing here is made of a scene."""
+
+MEDIA = {
+    ".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml",
+}  # fmt: skip
+"""What a file is, by the ending of its name."""
 
 HEADERS = {
     "content-security-policy": "default-src 'self'; base-uri 'none'; form-action 'none'; "
@@ -141,9 +139,9 @@ def app_of(explorer: Explorer, port: int, token: str, end: Callable[[], None]) -
     tabs = Tabs(end)
 
     async def file(request: Request) -> Response:
-        name, kind = FILES[request.url.path]
-        text = (STATIC / name).read_text(encoding="utf-8")
-        return Response(text, headers=HEADERS, media_type=kind)
+        path = STATIC / FILES[request.url.path]
+        text = path.read_text(encoding="utf-8")
+        return Response(text, headers=HEADERS, media_type=MEDIA[path.suffix])
 
     async def alive(_: Request) -> Response:
         return StreamingResponse(tabs.beats(), headers=HEADERS, media_type="text/plain")
@@ -156,23 +154,12 @@ def app_of(explorer: Explorer, port: int, token: str, end: Callable[[], None]) -
             answers = explorer.answers(json.loads(body))
         except (ValueError, RecursionError) as reason:
             return PlainTextResponse(f"no message: {reason}"[:300], 400, HEADERS)
-        lines = (json.dumps(each, allow_nan=False) + "\n" for each in _told(answers))
+        lines = (json.dumps(each, allow_nan=False) + "\n" for each in told(answers))
         return StreamingResponse(lines, headers=HEADERS, media_type="application/x-ndjson")
 
     routes = [Route(path, file, methods=["GET"]) for path in FILES]
     routes += [Route("/alive", alive), Route("/ask", ask, methods=["POST"])]
     return Guard(Starlette(routes=routes), port, token)
-
-
-def _told(answers: Iterator[dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Answers, and a sentence instead of what a scene does not allow."""
-    try:
-        yield from answers
-    except Refused as reason:
-        yield {"type": "refused", "id": reason.id, "sentence": str(reason)}
-    except Exception as reason:  # a fault of ours: the page goes on, and can say so
-        kind = type(reason).__name__
-        yield {"type": "refused", "sentence": f"this is a fault of stochvi ({kind}); report it"}
 
 
 def serve(explorer: Explorer, tell: Callable[[str], None], browser: bool = True) -> None:

@@ -35,6 +35,7 @@ import queue
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import zip_longest
 from typing import Any
 
@@ -62,7 +63,13 @@ from stochvi.explorer.takeaways import (
     taken,
 )
 from stochvi.isolators.bumpers import bumper_map
-from stochvi.isolators.screening import at_clearances, environment, screen
+from stochvi.isolators.screening import (
+    GapScreening,
+    Screening,
+    at_clearances,
+    environment,
+    screen,
+)
 from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.size import risk_curve
 from stochvi.methods.linearisation import linearise
@@ -118,6 +125,9 @@ NEXT = {
 MOST_TABS, LONGEST_TAB = 64, 40
 """Largest number of turns and confirmations that are remembered, and letters of a tab."""
 
+WARM_UP = "warm-up".ljust(LONGEST_TAB + 1)
+"""The tab of the turn that compiles, which no page can name."""
+
 MOST_MESSAGES = 2**31
 """Largest number that a message may have."""
 
@@ -147,15 +157,15 @@ def stated(name: str, value: float, unit: str, method: str) -> Message:
 
 
 def of(name: str, estimate: Estimate | None, unit: str) -> Message | None:
-    """An estimate with its 95 % interval, bias included, for the page."""
+    """An estimate with its 95 % interval, bias included, for the page; without one where the bias
+    is not known."""
     if estimate is None or math.isnan(estimate.value):
         return None
-    half = estimate.half_width_95()
-    low, high = max(estimate.value - half, 0.0), estimate.value + half
-    if estimate.upper_95 is not None:
-        low, high = 0.0, estimate.upper_95
-    return {"name": name, "unit": unit, "value": estimate.value, "method": estimate.how,
-            "low": low, "high": high}  # fmt: skip
+    number = stated(name, estimate.value, unit, estimate.how)
+    if estimate.bias is None and estimate.upper_95 is None:
+        return number | {"method": f"{estimate.how}; its bias is not known, and so no interval"}
+    low, high = estimate.interval()
+    return number | {"low": max(low, 0.0), "high": high}
 
 
 def finite(column: Any) -> list[Any]:
@@ -224,6 +234,16 @@ class Turn:
             found = {"part": part.__name__, "missing": str(reason)}
         return {"type": "answer", "id": self.id, "stage": stage, **found}
 
+    @cached_property
+    def screened(self) -> Screening:
+        """The linear motion, which several parts ask for."""
+        return screen(self.scene)
+
+    @property
+    def gap(self) -> GapScreening:
+        """The linear motion of the first pair."""
+        return self.screened.impact_pairs[self.pair]
+
     def look(self, *_: Any) -> None:
         """As the progress of a calculation it ends one for which nobody waits."""
         if self.stale.is_set():
@@ -231,16 +251,16 @@ class Turn:
 
     def linear(self) -> Message:
         """The linear motion of each gap, and Rice's rate of crossings over clearance."""
-        linear = screen(self.scene)
+        pairs = self.screened.impact_pairs
         numbers = []
-        for name, gap in linear.impact_pairs.items():
-            words = f" of {name}" if len(linear.impact_pairs) > 1 else ""
+        for name, gap in pairs.items():
+            words = f" of {name}" if len(pairs) > 1 else ""
             numbers += [
                 stated(f"rms displacement{words}", gap.displacement_std, "m", LINEAR),
                 stated(f"usual rule: three sigma{words}", gap.three_sigma, "m", LINEAR),
                 stated(f"usual rule: impact rate by Rice{words}", gap.rice_rate, "1/s", LINEAR),
             ]
-        gap = linear.impact_pairs[self.pair]
+        gap = self.gap
         sigma = gap.displacement_std
         places = np.linspace(NEAR * sigma, FAR * sigma, PLACES)
         rates = [gap.rate_at(float(each)) for each in places]
@@ -272,10 +292,9 @@ class Turn:
     def stiffness(self) -> Message:
         """The largest acceleration of the mission, exceeded with the accepted probability, over the
         stiffness of the stops."""
-        distances = screen(self.scene).impact_pairs[self.pair].stops
         found = bumper_map(
             self.scene, mission=self.design.mission, exceedance=self.design.probability,
-            clearances=[min(distances.values())], stiffness_factors=FACTORS, seed=self.seed,
+            clearances=[min(self.gap.stops.values())], stiffness_factors=FACTORS, seed=self.seed,
             budget=BUDGET, progress=self.look,
         )  # fmt: skip
         rows = found.to_frame()
@@ -349,8 +368,7 @@ class Turn:
         """A piece of one simulated path, for the moving picture."""
         model = model_of(self.scene)
         alone = len(model.stiffness) == 1
-        gap = screen(self.scene).impact_pairs[self.pair]
-        omega = gap.velocity_std / gap.displacement_std
+        omega = self.gap.velocity_std / self.gap.displacement_std
         period = 2.0 * math.pi / omega
         path = record_path(
             self.scene, duration=PERIODS * period, step=period / SAMPLES if alone else None,
@@ -371,7 +389,7 @@ class Turn:
         """What gives the impact rate by the closure and by simulation at a clearance."""
 
         def dot() -> Message:
-            clearance = share * screen(self.scene).impact_pairs[self.pair].displacement_std
+            clearance = share * self.gap.displacement_std
             there = at_clearances(self.scene, clearance)
             found: Message = {"part": "dot", "clearance": clearance}
             with contextlib.suppress(StochviError):
@@ -415,8 +433,7 @@ class Turn:
             self.scene, rel_error=CONFIRMED, seed=self.seed, budget=CONFIRM_SECONDS, threads=1,
             progress=progress,
         )  # fmt: skip
-        distances = screen(self.scene).impact_pairs[self.pair].stops
-        return {"part": "confirmed", "clearance": min(distances.values()),
+        return {"part": "confirmed", "clearance": min(self.gap.stops.values()),
                 "numbers": impacts_of(found)}  # fmt: skip
 
     @property
@@ -440,6 +457,17 @@ def impacts_of(found: Response) -> list[Message]:
 # ------------------------------------------------------------------------------
 # The explorer: who asks, and what is answered.
 # ------------------------------------------------------------------------------
+
+
+def told(answers: Iterator[Message]) -> Iterator[Message]:
+    """Answers, and a sentence in the place of what a scene does not allow, or of a fault."""
+    try:
+        yield from answers
+    except Refused as reason:
+        yield {"type": "refused", "id": reason.id, "sentence": str(reason)}
+    except Exception as reason:  # a fault of ours: the page goes on, and can say so
+        kind = type(reason).__name__
+        yield {"type": "refused", "sentence": f"this is a fault of stochvi ({kind}); report it"}
 
 
 class Explorer:
@@ -467,8 +495,8 @@ class Explorer:
             raise ValueError("explore shows scenes with stops: give the scene an [[impact_pair]]")
 
     def warm_up(self) -> None:
-        """Compile what a turn needs, before the first one asks for it."""
-        for _ in self._worked(Turn(design_of(self.scene, Setting({})), self.seed, 0)):
+        """Compile what a turn needs, until the first one asks for it."""
+        for _ in self._worked(self._started("turn", Setting({}), 0, WARM_UP)):
             pass
 
     def answers(self, message: Any) -> Iterator[Message]:
@@ -529,6 +557,7 @@ class Explorer:
             before.stale.set()
 
     def _turn(self, setting: Setting, number: int, tab: str, _: Any) -> Iterator[Message]:
+        self._end("turn", WARM_UP)
         yield from self._worked(self._started("turn", setting, number, tab))
 
     def _confirm(self, setting: Setting, number: int, tab: str, _: Any) -> Iterator[Message]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,14 @@ import pytest
 from starlette.testclient import TestClient
 
 from stochvi.explorer import server
-from stochvi.explorer.knobs import Design, knobs_of
+from stochvi.explorer.knobs import Design, Setting, knobs_of
 from stochvi.explorer.takeaways import toml_of
-from stochvi.explorer.turns import Explorer, Turn
+from stochvi.explorer.turns import WARM_UP, Explorer, Turn, of, stated
 from stochvi.isolators.screening import screen
 from stochvi.isolators.sizing import Sizing, size
 from stochvi.isolators.tolerances import Tolerances
 from stochvi.methods.monte_carlo import simulate
+from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.keys import changed_scene
 from stochvi.scenes.scene import load_scene
@@ -286,3 +288,20 @@ def test_the_server_ends_a_while_after_its_last_tab_alone(monkeypatch: pytest.Mo
 
     asyncio.run(three_tabs())
     assert ended == ["ended"]
+
+
+def test_a_number_without_a_known_bias_has_no_interval() -> None:
+    known = Estimate(value=2.0, standard_error=0.1, bias=0.1)
+    low, high = known.interval()
+    assert of("rate", known, "1/s") == stated("rate", 2.0, "1/s", "") | {"low": low, "high": high}
+    unknown = of("rate", replace(known, bias=None), "1/s")
+    assert unknown is not None and "low" not in unknown and "not known" in unknown["method"]
+
+
+def test_the_first_turn_of_a_page_ends_the_warm_up() -> None:
+    explorer = Explorer(TRUCK)
+    ahead = explorer._started("turn", Setting({}), 0, WARM_UP)
+    answers = explorer.answers({"type": "turn", "id": 1, "tab": "a"})
+    assert next(answers)["part"] == "linear" and ahead.stale.is_set()
+    with pytest.raises(ValueError, match="at most"):
+        explorer.answers({"type": "turn", "id": 1, "tab": WARM_UP})

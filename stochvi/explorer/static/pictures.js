@@ -83,7 +83,7 @@ export function picture({ title, method, x, y, colours }) {
         if (!(each.y > 0 || !y.log)) continue;
         const at = px(each.x), bottom = top + height;
         const low = each.low > 0 || !y.log ? py(each.low) : bottom;
-        stroke(u, { colour, kind: "solid" }, [at, Math.min(low, bottom)], [at, py(each.high)]);
+        if (each.high !== undefined) stroke(u, { colour, kind: "solid" }, [at, Math.min(low, bottom)], [at, py(each.high)]);
         u.ctx.fillStyle = colour;
         u.ctx.beginPath();
         u.ctx.arc(at, py(each.y), (each.large ? 6 : 4) * ratio, 0, 2 * Math.PI);
