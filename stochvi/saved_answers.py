@@ -127,14 +127,7 @@ def load_answer(path: str | Path) -> Result:
         content = json.loads(text)
         version = content["stochvi"]
         answer = _decoded(content["answer"])
-    except (
-        AttributeError,
-        ImportError,
-        LookupError,
-        RecursionError,
-        TypeError,
-        ValueError,
-    ) as error:
+    except UNREADABLE as error:
         if isinstance(content, dict) and "provenance" in content:
             raise ValueError(
                 f"{path} is the JSON document of an answer, as --json writes it; "

@@ -408,7 +408,7 @@ class Job:
                 threads = {"threads": run.workers} if self.method == "replay" else {}
                 answer = ask(self.scene, **threads, **self.arguments)
         except OutOfReach as error:  # in one scene; the next may meet it
-            raise NotApplicable(self.method, [str(error)]) from error
+            raise NotApplicable(self.method, str(error)) from error
         return answer if isinstance(answer, Response) else Summary.of(answer)
 
     def _sampled(self, calculate: Callable[..., Any], folder: Path | None, run: Run) -> Any:

@@ -282,7 +282,7 @@ def clearance(question: Question) -> Show:
     scene, options = question.scene, question.options
     if not scene.impact_pairs:
         why = "the scene needs an impact_pair, for its law; screen and size need none"
-        raise NotApplicable("clearance", [why])
+        raise NotApplicable("clearance", why)
     linear = solve(scene)
     stds = {name: gap.displacement_std for name, gap in linear.impact_pairs.items()}
     if still := unshaken(stds):

@@ -810,7 +810,7 @@ def _check(scene: Scene, mission: float, exceedance: float) -> None:
         )
         raise NotApplicable("bumper map", [*conditions[:-1], f"{conditions[-1]}; {why}"])
     if not scene.impact_pairs:
-        raise NotApplicable("bumper map", ["the scene needs an impact_pair, for its law"])
+        raise NotApplicable("bumper map", "the scene needs an impact_pair, for its law")
     PeakAcceleration().check(model_of(scene))
 
 

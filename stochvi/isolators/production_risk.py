@@ -216,14 +216,14 @@ class Start:
         model = model_of(scene)
         if not model.pairs:
             raise NotApplicable(
-                "production", ["the scene needs an impact_pair, or the question a probability"]
+                "production", "the scene needs an impact_pair, or the question a probability"
             )
         stops = np.array(own_distances(model))
         if pair is not None:
             stops[:, [each.name != pair for each in model.pairs]] = math.inf
         if stops.min() <= 0.0:
             raise NotApplicable(
-                "production", ["mean gaps must lie between the stops; move the stops outwards"]
+                "production", "mean gaps must lie between the stops; move the stops outwards"
             )
         chance = chance_of_stops(scene, stops, mission, run).value
         return cls(scene=scene, mission=mission, stops=stops, chance=chance)
@@ -245,9 +245,9 @@ class Start:
         if found.target.name != "probability":
             raise NotApplicable(
                 "production",
-                [f"the target must be a probability of any impact, got {found.target.name}; give "
-                 "tolerances without a distribution for it"],
-            )  # fmt: skip
+                f"the target must be a probability of any impact, got {found.target.name}; give "
+                "tolerances without a distribution for it",
+            )
         names = [each.name for each in model_of(found.scene).pairs]
         return cls(
             scene=found.scene, mission=found.mission, stops=found.stops,
@@ -992,10 +992,10 @@ class _Job:
         if excess(FARTHEST_SHIFT) > 0.0:
             raise NotApplicable(
                 "production",
-                [f"no clearance keeps the probability of any impact at {chance:g}: "
-                 "units have stops that press, or the other stops are hit more often; give smaller "
-                 "spreads"],
-            )  # fmt: skip
+                f"no clearance keeps the probability of any impact at {chance:g}: "
+                "units have stops that press, or the other stops are hit more often; give smaller "
+                "spreads",
+            )
         if excess(-FARTHEST_SHIFT) < 0.0:
             return -FARTHEST_SHIFT
         return float(scipy.optimize.brentq(excess, -FARTHEST_SHIFT, FARTHEST_SHIFT, xtol=1e-9))

@@ -421,7 +421,7 @@ class Screening(Result):
         """The motion of the only coordinate; `NotApplicable` where there are several."""
         if len(self.coordinates) > 1:
             named = ", ".join(self.coordinates)
-            raise NotApplicable("screening", [f"coordinates must be named, got several: {named}"])
+            raise NotApplicable("screening", f"coordinates must be named, got several: {named}")
         (found,) = self.coordinates.values()
         return found
 
@@ -841,7 +841,7 @@ def clearance_curve(
     """
     check_movable(scene)
     if not scene.impact_pairs:
-        raise NotApplicable("clearance_curve", ["the scene needs an impact_pair, for its law"])
+        raise NotApplicable("clearance_curve", "the scene needs an impact_pair, for its law")
     places = np.asarray(clearances, dtype=float)
     if not np.all((places > 0.0) & np.isfinite(places)):
         raise ValueError(f"clearances must be positive, got {places.tolist()} m")

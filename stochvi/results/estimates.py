@@ -722,6 +722,13 @@ TOO_FEW = "in too few independent samples for an interval"
 """Where events were seen of which an upper limit alone is stated."""
 
 
+LIMIT_ALONE = (
+    "has an upper limit only, rel_error does not govern it; more paths or a longer duration look "
+    "further"
+)
+"""What notes say of the rate of impacts of which hardly any, or none, were seen."""
+
+
 def without_impact(stops: Iterable[tuple[str, str]], exposure: float) -> list[str]:
     """One note on all stops, side and pair of each, that saw no impact in so many seconds.
 
@@ -736,9 +743,8 @@ def without_impact(stops: Iterable[tuple[str, str]], exposure: float) -> list[st
         for side, pairs in named.items()
     ]
     return listed and [
-        f"no impact on {' and '.join(listed)} in {exposure:.3g} s of motion: a rate there has an "
-        "upper limit only, rel_error does not govern it; more paths or a longer duration look "
-        "further"
+        f"no impact on {' and '.join(listed)} in {exposure:.3g} s of motion: a rate there "
+        f"{LIMIT_ALONE}"
     ]
 
 

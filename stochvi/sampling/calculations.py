@@ -68,9 +68,9 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
 
     Before it begins, its scene and its plain arguments are checked against their annotations. It
     never sees an `rng`, but the `seed` that this draws. Its progress is shown in a notebook, with
-    the compiling of kernels. A `budget` that is long over
-    ends it (see `ended_by`); messages name this budget also where a part of it has run out. An
-    answer, also one that falls short, records the call in its provenance.
+    the compiling of kernels. A `budget` that is long over ends it (see `ended_by`); messages name
+    this budget also where a part of it has run out. An answer, also one that falls short, records
+    the call in its provenance.
     """
     check, signature = argument_checker(function), inspect.signature(function)
     parameters = signature.parameters
@@ -107,7 +107,7 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
                 scenes = [each for each in given.values() if isinstance(each, Scene)]
                 document = scenes[0].document(as_written=True) if scenes else {}
                 why = f"the scene {beyond_arithmetic(error, {**given, **document})}"
-                raise NotApplicable(function.__name__, [why]) from error
+                raise NotApplicable(function.__name__, why) from error
         return answer
 
     def recorded(answer: Any, given: Mapping[str, Any]) -> Any:

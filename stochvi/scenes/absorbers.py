@@ -162,9 +162,7 @@ def carrying(carrier: Oscillator, units: Sequence[Absorber]) -> Matrices:
         If the mass of the oscillator is not given.
     """
     if carrier.mass is None:
-        raise SceneError(
-            [("structure.mass", "is needed where the scene has an absorber, got none")]
-        )
+        raise SceneError("structure.mass", "is needed where the scene has an absorber, got none")
     mass, damping, stiffness = (float(matrix[0, 0]) for matrix in carrier.matrices)
     return Matrices(
         coordinates=(CARRIER, *unit_names(len(units))),
@@ -206,19 +204,21 @@ def on_oscillator(
     """
     if not isinstance(carrier, Oscillator):
         raise SceneError(
-            [("absorber", "given by mass, play and law needs structure.kind 'oscillator' or "
-              f"'isolator', got {carrier.kind!r}; for matrices give mass_on, the names of the "
-              "coordinates that are its masses")]
-        )  # fmt: skip
+            "absorber",
+            "given by mass, play and law needs structure.kind 'oscillator' or "
+            f"'isolator', got {carrier.kind!r}; for matrices give mass_on, the names of the "
+            "coordinates that are its masses",
+        )
     if carrier.spring or carrier.damper:
         raise SceneError(
-            [("absorber", "given by mass, play and law needs a linear structure, got structure."
-              f"{'spring' if carrier.spring else 'damper'}; write the structure as matrices, with "
-              "the absorber as a coordinate")]
-        )  # fmt: skip
+            "absorber",
+            "given by mass, play and law needs a linear structure, got structure."
+            f"{'spring' if carrier.spring else 'damper'}; write the structure as matrices, with "
+            "the absorber as a coordinate",
+        )
     units = [each.unit for each in absorbers for _ in range(each.units)]
     if len(units) > MOST_UNITS:
-        raise SceneError([("absorber", f"takes at most {MOST_UNITS} units, got {len(units)}")])
+        raise SceneError("absorber", f"takes at most {MOST_UNITS} units, got {len(units)}")
     names = unit_names(len(units))
     moving = isinstance(carrier, Isolator)
     return {
@@ -246,11 +246,12 @@ def absorbers_of(given: Any) -> list[Absorber]:
     for number, each in enumerate(entries):
         if each.mass_on:
             raise SceneError(
-                [(f"absorber.{number}", "in a list needs mass, play and law; for matrices, name "
-                  "all coordinates in the mass_on of one [absorber]")]
-            )  # fmt: skip
+                f"absorber.{number}",
+                "in a list needs mass, play and law; for matrices, name "
+                "all coordinates in the mass_on of one [absorber]",
+            )
     if not entries:
-        raise SceneError([("absorber", "needs at least one entry, got none")])
+        raise SceneError("absorber", "needs at least one entry, got none")
     return entries
 
 
@@ -264,9 +265,9 @@ def _at(key: str, given: Any) -> Absorber:
         problems = [(f"{key}.{inner}".rstrip("."), text) for inner, text in error.problems]
         raise SceneError(problems) from None
     except ValueError as error:
-        raise SceneError([(key, str(error))]) from None
+        raise SceneError(key, str(error)) from None
     if not isinstance(given, Absorber):
-        raise SceneError([(key, f"must be a table of keys, got {given!r}")])
+        raise SceneError(key, f"must be a table of keys, got {given!r}")
     return given
 
 

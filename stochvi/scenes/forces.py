@@ -103,11 +103,10 @@ class CrossDensity(Checked):
     def _columns_fit(self) -> Self:
         if self.between[0] == self.between[1]:
             raise SceneError(
-                [("between", f"needs two different excitations or axes, got {self.between[0]!r} "
-                  "twice")]
-            )  # fmt: skip
+                "between", f"needs two different excitations or axes, got {self.between[0]!r} twice"
+            )
         if self.frequency_hz is not None and np.any(np.diff(self.frequency_hz) <= 0.0):
-            raise SceneError([("frequency_hz", "must rise from each value to the next")])
+            raise SceneError("frequency_hz", "must rise from each value to the next")
         if self.coherence is not None:
             self._check_coherence(self.coherence)
             return self
@@ -131,14 +130,15 @@ class CrossDensity(Checked):
         if extra := [name for name in ("real", "imaginary", "unit") if getattr(self, name)]:
             raise ValueError(f"has coherence, which needs no {' and no '.join(extra)}")
         if max(coherence, default=0.0) > 1.0:
-            raise SceneError([("coherence", f"must be in [0, 1], got {max(coherence):g}")])
+            raise SceneError("coherence", f"must be in [0, 1], got {max(coherence):g}")
         count = 1 if self.frequency_hz is None else len(self.frequency_hz)
         for name, values in (("coherence", coherence), ("phase_deg", self.phase_deg or (0.0,))):
             if len(values) not in (1, count):
                 raise SceneError(
-                    [(name, f"needs one number, or one for each of {count} values of "
-                      f"frequency_hz, got {len(values)}")]
-                )  # fmt: skip
+                    name,
+                    f"needs one number, or one for each of {count} values of "
+                    f"frequency_hz, got {len(values)}",
+                )
 
     @property
     def places(self) -> Vector:
@@ -388,25 +388,25 @@ def changed_by(modulation: Modulation, structure: AnyStructure) -> Changed:
         return _of_mount(modulation, structure)
     if not isinstance(structure, Oscillator | Isolator | Matrices):
         raise SceneError(
-            [("", f"of {of} takes structure.kind = 'oscillator', 'isolator', 'matrices' or "
-              f"'rigid-body', got {getattr(structure, 'kind', '')!r}")]
-        )  # fmt: skip
+            f"of {of} takes structure.kind = 'oscillator', 'isolator', 'matrices' or "
+            f"'rigid-body', got {getattr(structure, 'kind', '')!r}"
+        )
     if modulation.axis is not None:
-        raise SceneError([("", "takes no axis, which is that of a mount of a box")])
+        raise SceneError("takes no axis, which is that of a mount of a box")
     if not structure.knows_mass:
-        raise SceneError([("", "changes a force, which needs structure.mass, got none")])
+        raise SceneError("changes a force, which needs structure.mass, got none")
     matrix = structure.matrices[1 if of == "damping" else 2]
     known = structure.coordinates
     names = modulation.between or ((modulation.on,) if modulation.on else known[:1])
     listed = " or ".join(repr(name) for name in known)
     if modulation.on and modulation.between:
-        raise SceneError([("", "takes on or between, got both")])
+        raise SceneError("takes on or between, got both")
     if len(known) > 1 and not (modulation.on or modulation.between):
-        raise SceneError([("", f"needs on or between, with names of {listed}, got none")])
+        raise SceneError(f"needs on or between, with names of {listed}, got none")
     if unknown := [name for name in names if name not in known]:
-        raise SceneError([("", f"must act on {listed}, got {unknown[0]!r}")])
+        raise SceneError(f"must act on {listed}, got {unknown[0]!r}")
     if len(set(names)) < len(names):
-        raise SceneError([("", f"needs two different names in between, got {names[0]!r} twice")])
+        raise SceneError(f"needs two different names in between, got {names[0]!r} twice")
     places = [known.index(name) for name in names]
     row = np.zeros(len(known))
     row[places[0]] = 1.0
@@ -417,7 +417,7 @@ def changed_by(modulation: Modulation, structure: AnyStructure) -> Changed:
     if not strength > ROUNDING * abs(float(matrix[places[0], places[0]])):
         part = "spring" if of == "stiffness" else "damper"
         where = " and ".join(names) if len(names) > 1 else f"{names[0]} and the ground"
-        raise SceneError([("", f"needs a linear {part} between {where}, got {strength:g}")])
+        raise SceneError(f"needs a linear {part} between {where}, got {strength:g}")
     return Changed(row, strength)
 
 
@@ -428,20 +428,16 @@ def _of_mount(modulation: Modulation, box: RigidBody) -> Changed:
     if on not in names or axis is None or modulation.between:
         listed = " or ".join(repr(name) for name in names)
         got = f"on = {on!r}, axis = {axis!r}"
-        raise SceneError(
-            [("", f"needs on = {listed} and axis = 'x', 'y' or 'z', got {got}")]
-        )  # fmt: skip
+        raise SceneError(f"needs on = {listed} and axis = 'x', 'y' or 'z', got {got}")
     mount, along = box.mounts[names.index(on)], AXES.index(axis)
     if modulation.of == "stiffness":
         rates = box.mount_stiffness(mount)
     elif mount.damping is not None:
         rates = np.array(mount.damping)
     else:
-        raise SceneError(
-            [("", f"of damping needs damping (N s/m along x, y, z) of {on}, got none")]
-        )
+        raise SceneError(f"of damping needs damping (N s/m along x, y, z) of {on}, got none")
     if not rates[along] > 0.0:
-        raise SceneError([("", f"needs {modulation.of} of {on} along {axis}, got 0")])
+        raise SceneError(f"needs {modulation.of} of {on} along {axis}, got 0")
     return Changed(mount.rows[along], float(rates[along]))
 
 

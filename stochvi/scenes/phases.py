@@ -45,9 +45,10 @@ def changed_mount(scene: Scene, frequency: float, damping: float) -> Scene:
     structure = scene.structure
     if structure.functions:
         raise SceneError(
-            [("structure", "must have linear springs and dampers where its stiffness or damping "
-              f"changes, got a {structure.functions[0].law.effect}; write a scene for each state")]
-        )  # fmt: skip
+            "structure",
+            "must have linear springs and dampers where its stiffness or damping "
+            f"changes, got a {structure.functions[0].law.effect}; write a scene for each state",
+        )
     if isinstance(structure, RigidBody):
         mounts = tuple(type(each)(**_scaled(each, frequency, damping)) for each in structure.mounts)
         changed: Structure = structure.model_copy(update={"mounts": mounts})

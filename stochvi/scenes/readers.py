@@ -284,18 +284,18 @@ def read_columns(
     suffix = path.suffix.lower()
     if variables is not None and suffix not in ARRAY_SUFFIXES:
         raise SceneError(
-            [("variables", f"is for MATLAB and NumPy files (.mat, .npz), got {path.name}")]
+            "variables", f"is for MATLAB and NumPy files (.mat, .npz), got {path.name}"
         )
     if dataset is not None and suffix not in UFF_SUFFIXES:
-        raise SceneError([("dataset", f"is for UFF files (.uff, .unv), got {path.name}")])
+        raise SceneError("dataset", f"is for UFF files (.uff, .unv), got {path.name}")
     if (full_scale is None) == (suffix == ".wav"):
         needed = (
             "must say which value" if full_scale is None else "is for sound files (.wav), whose"
         )
-        raise SceneError([("full_scale", f"{needed} full scale stands for, got {path.name}")])
+        raise SceneError("full_scale", f"{needed} full scale stands for, got {path.name}")
     if column is not None and suffix in (*UFF_SUFFIXES, *ARRAY_SUFFIXES):
         other = "variables" if suffix in ARRAY_SUFFIXES else "dataset"
-        raise SceneError([("column", f"is for text files, got {path.name}; give {other}")])
+        raise SceneError("column", f"is for text files, got {path.name}; give {other}")
     if not isinstance(path, Path):
         return _columns_of(path.table(names), names, column, function_type, of_file=False)
     if suffix in UFF_SUFFIXES:
@@ -361,12 +361,7 @@ def _columns_of(
         place = 1 if chosen is None else chosen
     if place == x:
         raise SceneError(
-            [
-                (
-                    "column",
-                    f"is number {place + 1} of {path}, which holds the {quantity}; name another",
-                )
-            ]
+            "column", f"is number {place + 1} of {path}, which holds the {quantity}; name another"
         )
     table.headings[place].check_scaled()
     found = table.columns(*((place,) if x is None else (x, place)))
@@ -504,24 +499,24 @@ def _read_uff(path: Path, names: Sequence[str], dataset: int | None, function_ty
         if len(fitting) != 1:
             kind = "a power spectral density" if function_type == SPECTRAL_DENSITY else "a record"
             raise SceneError(
-                [("dataset", f"must say which of {path} is {kind}: {_listed_datasets(functions)}")]
+                "dataset", f"must say which of {path} is {kind}: {_listed_datasets(functions)}"
             )
         (dataset,) = fitting
     if dataset not in functions:
         raise SceneError(
-            [("dataset", f"must be one of {path}: {_listed_datasets(functions)}, got {dataset}")]
+            "dataset", f"must be one of {path}: {_listed_datasets(functions)}, got {dataset}"
         )
     entry = functions[dataset]
     if entry.facts["complex"]:
         raise SceneError(
-            [("dataset", f"{dataset} of {path} is complex, expected the real column {names[-1]}")]
+            "dataset", f"{dataset} of {path} is complex, expected the real column {names[-1]}"
         )
     over, quantity = _label(entry.facts["x_unit"].strip()), _abscissa(function_type)
     x = entry.x
     if x is not None and over is not None:
         if over.quantity != quantity:
             raise SceneError(
-                [("dataset", f"{dataset} of {path} is over {over.name}, expected {quantity}")]
+                "dataset", f"{dataset} of {path} is over {over.name}, expected {quantity}"
             )
         x = over.to_si(x)
     # a character that is not UTF-8 is the raised 2 of an older encoding
@@ -580,9 +575,7 @@ def _read_channels(
         each for number, each in enumerate(channels, start=1) if column in (None, number, each.name)
     ]
     if len(chosen) != 1:
-        raise SceneError(
-            [("column", f"must be one channel of {path}, by number or name: {listed}")]
-        )
+        raise SceneError("column", f"must be one channel of {path}, by number or name: {listed}")
     (channel,) = chosen
     if function_type != TIME_RESPONSE or (channel.x is None and len(names) > 1):
         held = "over time" if function_type != TIME_RESPONSE else "without times; give fs for it"
@@ -612,19 +605,15 @@ def _read_arrays(path: Path, names: Sequence[str], variables: Sequence[str] | No
             if len(names) == 2 and not choices and alone is not None:
                 remedy = f'; for values without times give fs, and variables = ["{alone}"]'
             raise SceneError(
-                [
-                    (
-                        "variables",
-                        f"must say which variables of {path} are [{example}]; it holds "
-                        f"{_listed_arrays(arrays)}{remedy}",
-                    )
-                ]
+                "variables",
+                f"must say which variables of {path} are [{example}]; it holds "
+                f"{_listed_arrays(arrays)}{remedy}",
             )
         (variables,) = choices
     for name in variables:
         if name not in arrays:
             raise SceneError(
-                [("variables", f"names {name!r}, but {path} holds {_listed_arrays(arrays)}")]
+                "variables", f"names {name!r}, but {path} holds {_listed_arrays(arrays)}"
             )
     chosen = [arrays[name] for name in variables]
     if len(chosen) == 1 and len(names) == 2:
@@ -633,24 +622,16 @@ def _read_arrays(path: Path, names: Sequence[str], variables: Sequence[str] | No
             return Columns(x=matrix[:, 0], y=matrix[:, 1])
     if len(chosen) != len(names) or any(array.ndim != 1 for array in chosen):
         raise SceneError(
-            [
-                (
-                    "variables",
-                    f"must name {'vectors' if len(names) == 2 else 'a vector'} [{example}]"
-                    f"{' or one matrix of two columns' if len(names) == 2 else ''}, "
-                    f"got {_listed_arrays({name: arrays[name] for name in variables})}",
-                )
-            ]
+            "variables",
+            f"must name {'vectors' if len(names) == 2 else 'a vector'} [{example}]"
+            f"{' or one matrix of two columns' if len(names) == 2 else ''}, "
+            f"got {_listed_arrays({name: arrays[name] for name in variables})}",
         )
     if len({len(array) for array in chosen}) > 1:
         raise SceneError(
-            [
-                (
-                    "variables",
-                    "must have one length, got "
-                    f"{_listed_arrays({name: arrays[name] for name in variables})}",
-                )
-            ]
+            "variables",
+            "must have one length, got "
+            f"{_listed_arrays({name: arrays[name] for name in variables})}",
         )
     known = _unit_of(variables[-1])
     Heading(cells=(variables[-1],), unit=known).check_scaled()
@@ -749,17 +730,17 @@ def _stated_unit(
     if stated is None and name is not None:
         stated, _ = table.stated(quantity)
     if stated is None and name is None:
-        raise SceneError(
-            [("unit", f"must be {choices}, got none, and no unit stands above {column}")]
-        )
+        raise SceneError("unit", f"must be {choices}, got none, and no unit stands above {column}")
     if stated is not None and stated.quantity != quantity:
         raise SceneError(
-            [("file", f"states the unit {stated.name!r} above {column}, expected one of "
-              f"{quantity} ({listed_units(quantity)})")]
-        )  # fmt: skip
+            "file",
+            f"states the unit {stated.name!r} above {column}, expected one of "
+            f"{quantity} ({listed_units(quantity)})",
+        )
     if stated is not None and name is not None and not stated.same(unit(name)):
         raise SceneError(
-            [("unit", f"is {','.join(given or ())!r}, but above {column} stands {stated.name!r}; "
-              "take out the one that is wrong")]
-        )  # fmt: skip
+            "unit",
+            f"is {','.join(given or ())!r}, but above {column} stands {stated.name!r}; "
+            "take out the one that is wrong",
+        )
     return stated or unit(str(name))

@@ -488,9 +488,10 @@ def _read_once(
         rate, breaks, notes, interpolated = _sampling(times, path, columns)
         if fs is not None and abs(fs / rate - 1.0) > RATES_AGREE:
             raise SceneError(
-                [("fs", f"is {fs:g} Hz, but the times of {path} give {rate:.6g} Hz; take fs out or "
-                  "correct the one that is wrong")]
-            )  # fmt: skip
+                "fs",
+                f"is {fs:g} Hz, but the times of {path} give {rate:.6g} Hz; take fs out or "
+                "correct the one that is wrong",
+            )
     lengths, found = _segments(missing, breaks, rate, times if interpolated else None)
     if found and gaps == "refuse":
         raise SceneError(

@@ -249,9 +249,7 @@ class ImpactPair(Checked):
         if len(several := given(self, "on", "between", "weights").split(", ")) > 1:
             raise ValueError(f"takes one of on, between and weights, got {' and '.join(several)}")
         if self.direction is not None and not any(self.direction):
-            raise SceneError(
-                [("direction", "must have a length above 0, as [0, 0, 1], got [0, 0, 0]")]
-            )
+            raise SceneError("direction", "must have a length above 0, as [0, 0, 1], got [0, 0, 0]")
         if self.clearance is not None:
             if given(self, "lower", "upper") != "none":
                 raise ValueError(
@@ -405,9 +403,7 @@ class Scene(Checked):
         """The key of a file and the argument of Python are one."""
         for name, field in cls.model_fields.items():
             if field.alias and isinstance(keys, dict) and {name, field.alias} <= keys.keys():
-                raise SceneError(
-                    [(name, f"must be left out beside {field.alias}, which is the same")]
-                )
+                raise SceneError(name, f"must be left out beside {field.alias}, which is the same")
         return keys
 
     @model_validator(mode="before")
@@ -430,7 +426,7 @@ class Scene(Checked):
                 "must be the name of a table, or { file = ..., law = ... }, got "
                 f"{keys['pairs']!r}"
             )
-            raise SceneError([("pairs", sentence)])
+            raise SceneError("pairs", sentence)
         own = keys.get("impact_pair", keys.get("impact_pairs", ()))
         same = {name: each for name, each in shared.items() if name != "file"}
         rows = [{"law": LAW_OF_TABLE} | same | row for row in read_pairs(shared["file"])]
@@ -513,7 +509,7 @@ class Scene(Checked):
         for index, phase in enumerate(self.phases):
             if names.index(phase.name) < index:
                 sentence = f"needs a name of its own, got {phase.name!r} again"
-                raise SceneError([(f"phase.{index}", sentence)])
+                raise SceneError(f"phase.{index}", sentence)
             try:
                 phase.of(self)
             except SceneError as error:
@@ -968,7 +964,7 @@ class Scene(Checked):
                     "needs one excitation with a density for each name in between, got "
                     f"{len(called)} with the name or axis {name!r}{have}"
                 )
-                raise SceneError([("cross_density", sentence)])
+                raise SceneError("cross_density", sentence)
             found[name] = called[0]
         return found
 
@@ -1011,18 +1007,18 @@ class Scene(Checked):
                     f"must join white noise with white noise alone, got {words}; give "
                     f"{whites[0]!r} as kind = 'psd' over the band of the structure"
                 )
-                raise SceneError([("cross_density", sentence)])
+                raise SceneError("cross_density", sentence)
             if whites and cross.real_correlation is None:
                 sentence = (
                     "must have one coherence, and phase_deg of 0 or 180, between white noises, "
                     f"which then stay white, got others between {words}; give both as kind = 'psd'"
                 )
-                raise SceneError([("cross_density", sentence)])
+                raise SceneError("cross_density", sentence)
             for name in whites:
                 called = self._called(name)
                 if len(called) != 1:
                     sentence = f"needs one excitation for each name, got {len(called)} of {name!r}"
-                    raise SceneError([("cross_density", sentence)])
+                    raise SceneError("cross_density", sentence)
                 (each,) = called
                 assert isinstance(each, WhiteNoise)
                 found[name] = each
@@ -1420,7 +1416,7 @@ def scene_from(document: Mapping[str, Any], folder: Path = Path()) -> Scene:
     """A scene from the keys of a scene file; relative file names start at `folder`."""
     for name, field in Scene.model_fields.items():
         if field.alias is not None and name in document:
-            raise SceneError([(name, f"is not a known key; did you mean {field.alias!r}?")])
+            raise SceneError(name, f"is not a known key; did you mean {field.alias!r}?")
     try:
         _refuse_functions(document)
         document = dict(document)

@@ -224,10 +224,11 @@ class Heading:
         """Refuse values that are not scaled to a quantity, whatever unit a scene says."""
         if found := self.unscaled:
             raise SceneError(
-                [("file", f"has the heading {' '.join(self.cells)!r} above its values, expected "
-                  f"no {found}; divide the values by the sensitivity of the sensor (V per g; a "
-                  "density by its square), and mend the heading")]
-            )  # fmt: skip
+                "file",
+                f"has the heading {' '.join(self.cells)!r} above its values, expected "
+                f"no {found}; divide the values by the sensitivity of the sensor (V per g; a "
+                "density by its square), and mend the heading",
+            )
 
     @property
     def counts(self) -> bool:
@@ -707,7 +708,7 @@ class TextTable:
         """Place of a column, from 0, by its name or its number, which counts from 1."""
         if isinstance(column, int):
             if not 1 <= column <= len(self.headings):
-                raise SceneError([("column", f"is {column}, but {self.path} {self._holds()}")])
+                raise SceneError("column", f"is {column}, but {self.path} {self._holds()}")
             return column - 1
         found = [place for place, each in enumerate(self.headings) if each.called(column)]
         if not found:
@@ -715,9 +716,9 @@ class TextTable:
         if len(found) != 1:
             which = "several columns with" if found else "no column with"
             raise SceneError(
-                [("column", f"is {column!r}, but {self.path} has {which} this name: it "
-                  f"{self._holds()}")]
-            )  # fmt: skip
+                "column",
+                f"is {column!r}, but {self.path} has {which} this name: it {self._holds()}",
+            )
         return found[0]
 
     def choose(self) -> SceneError:
@@ -730,9 +731,10 @@ class TextTable:
         name = self.headings[place].name
         by = f"{name!r} or column = {place + 1}" if name else place + 1
         return SceneError(
-            [("column", f"must say which column of {self.path} holds the values (column = {by}): "
-              f"it {self._holds()}")]
-        )  # fmt: skip
+            "column",
+            f"must say which column of {self.path} holds the values (column = {by}): "
+            f"it {self._holds()}",
+        )
 
     def _holds(self) -> str:
         listed = [

@@ -315,7 +315,7 @@ class Checked(BaseModel, metaclass=_Keyed):
                 super().__setattr__(name, value)
             except ValidationError:
                 remedy = f"replace({name}=...) makes a part with another value"
-                raise SceneError([(name, f"is frozen; {remedy}")]) from None
+                raise SceneError(name, f"is frozen; {remedy}") from None
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """A copy with other values, which are not checked; `replace` checks them.

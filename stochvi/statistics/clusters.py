@@ -682,7 +682,7 @@ class Bursts(ClustersSoFar):
             return kind.of_pairs(self.fastest, self.masses)
         rows = _rows("outputs", self.outputs if outputs is None else outputs, self.outputs)
         if not rows:
-            raise NotApplicable(name, [NEEDS_FORCE])
+            raise NotApplicable(name, NEEDS_FORCE)
         return np.asarray(self.sharpest[rows].max(axis=0))
 
     def exceedance_rate(
@@ -840,7 +840,7 @@ def _join(clusters: ClusterPaths, parts: list[Part]) -> Bursts:
     found = clusters.found(np.concatenate([part.ages for part in parts], axis=3))
     columns = np.concatenate([part.bursts for part in parts], axis=1)
     if len(np.unique(columns[0])) < FEWEST_WITH_BURSTS:
-        raise NotApplicable("bursts", ["stops as near as these are hit without a pause"])
+        raise NotApplicable("bursts", "stops as near as these are hit without a pause")
     path, weight, early = columns[:3]
     pairs, outputs = clusters.pairs, clusters.outputs
     hits, speeds, fastest, sharpest = np.split(columns[3:], len(pairs) * np.arange(1, 4))

@@ -513,7 +513,7 @@ class PairMotion:
 
     def __init__(self, model: Model, longest_step: float = math.inf, memories: float = 1.0) -> None:
         if not model.pairs:
-            raise NotApplicable("first_crossings", ["the scene needs an impact_pair"])
+            raise NotApplicable("first_crossings", "the scene needs an impact_pair")
         self.model, self.longest_step, self.memories = model, longest_step, memories
         self.directions = np.array([pair.direction for pair in model.pairs])
         motion = free_motion(model, with_sines=True)
@@ -530,7 +530,7 @@ class PairMotion:
         if still:
             raise NotApplicable(
                 "first_crossings",
-                [f"noise must move the gap of {still[0]}, got sines alone; `sine` follows these"],
+                f"noise must move the gap of {still[0]}, got sines alone; `sine` follows these",
             )
 
     @cached_property
@@ -540,7 +540,7 @@ class PairMotion:
         if not len(found):
             raise NotApplicable(
                 "first_crossings",
-                ["excitation must move at least one gap, got none that moves; check its on"],
+                "excitation must move at least one gap, got none that moves; check its on",
             )
         return found
 
@@ -577,9 +577,9 @@ class PairMotion:
         if length > plan.block_length:
             raise NotApplicable(
                 "first_crossings",
-                [f"a shock must be shorter than {plan.block_length - remembered:.3g} s for this "
-                 f"mount, got {pulses.shock.duration:.3g} s"],
-            )  # fmt: skip
+                f"a shock must be shorter than {plan.block_length - remembered:.3g} s for this "
+                f"mount, got {pulses.shock.duration:.3g} s",
+            )
         moved = plan.shock_responses(self.directions @ shapes, shapes.T @ direction, pulses)
         shocks = Shocks(
             rate=pulses.rate, step=plan.step, responses=moved[:, : math.ceil(length / plan.step)],
@@ -728,11 +728,9 @@ def crossing_response(model: Model, directions: Matrix, memories: float = 1.0) -
         if 2 * plan.samples * plan.gaps > MOST_SAMPLES:
             raise NotApplicable(
                 "first_crossings",
-                [
-                    "the input is too narrow to be resolved: its memory of "
-                    f"{memory_of(plan):.3g} s or more does not fit into half a record of "
-                    f"{MOST_SAMPLES // plan.gaps} samples"
-                ],
+                "the input is too narrow to be resolved: its memory of "
+                f"{memory_of(plan):.3g} s or more does not fit into half a record of "
+                f"{MOST_SAMPLES // plan.gaps} samples",
             )
         plan = plan.with_block(2.0 * plan.block_length)
     return plan

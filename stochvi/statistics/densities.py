@@ -435,9 +435,9 @@ def _scene_of(document: Mapping[str, Any]) -> Scene:
     except SceneError as error:
         raise NotApplicable(
             "densities",
-            [f"the answer must know its scene, whose document cannot be read: {error}; ask for it "
-             "again, by simulate or average, in this process"],
-        ) from None  # fmt: skip
+            f"the answer must know its scene, whose document cannot be read: {error}; ask for it "
+            "again, by simulate or average, in this process",
+        ) from None
 
 
 def motions_of(found: Response, model: Model) -> dict[str, tuple[Vector, float, float]]:

@@ -212,7 +212,7 @@ def windows_over(
             assert isinstance(each, FastPeaks)
             each.cubic  # noqa: B018
         except UnreachableKurtosis as reason:
-            raise NotApplicable("first_crossings", [str(reason)]) from reason
+            raise NotApplicable("first_crossings", str(reason)) from reason
     own = int(np.random.SeedSequence([seed, OWN]).generate_state(1, np.uint64)[0] >> 1)
     table = tuple(tuple(tuple(map(float, side)) for side in row) for row in rows)
     kind = FreeFlights if model.functions else FreeWindows

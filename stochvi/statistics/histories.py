@@ -471,9 +471,9 @@ def _check_fits(plan: Plan, step: float, duration: float) -> None:
         longest = duration * MOST_NUMBERS / size
         raise NotApplicable(
             "history",
-            [f"duration = {duration:g} s takes {size:.2g} numbers, at most {MOST_NUMBERS:.2g} are "
-             f"kept; ask for about {longest:.2g} s or less, or for several paths"],
-        )  # fmt: skip
+            f"duration = {duration:g} s takes {size:.2g} numbers, at most {MOST_NUMBERS:.2g} are "
+            f"kept; ask for about {longest:.2g} s or less, or for several paths",
+        )
 
 
 def _columns(

@@ -46,6 +46,7 @@ from stochvi.results.deadline import Deadline, partial_result
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import (
     GAUSSIAN_95,
+    LIMIT_ALONE,
     TOO_FEW,
     Estimate,
     jackknife_error,
@@ -1174,9 +1175,8 @@ def _unseen(pairs: dict[str, PairStatistics], exposure: float) -> list[str]:
                 continue
             if found.estimate.how.startswith(f"seen {TOO_FEW}"):
                 few.append(
-                    f"impacts on the {side} stop of {name} were seen {TOO_FEW}: its rate has an "
-                    "upper limit only, rel_error does not govern it; more paths or a longer "
-                    "duration look further"
+                    f"impacts on the {side} stop of {name} were seen {TOO_FEW}: its rate "
+                    f"{LIMIT_ALONE}"
                 )
             else:
                 unseen.append((side, name))

@@ -425,10 +425,8 @@ def _coexisting(place: Place, run: Run) -> Attractors:
     if len(known.found) < 2 and not run.deadline.passed():
         raise NotApplicable(
             "lifetimes",
-            [
-                "several motions must coexist without noise, got one alone; change the sine or the "
-                "clearance (sine shows where several do)"
-            ],
+            "several motions must coexist without noise, got one alone; change the sine or the "
+            "clearance (sine shows where several do)",
         )
     return known
 

@@ -623,10 +623,8 @@ def _planned(
     if duration / step > MOST_SAMPLES:
         raise NotApplicable(
             "spectrum",
-            [
-                f"a path needs {duration / step:.2g} samples, at most {MOST_SAMPLES} are made; "
-                "give a lower highest frequency (highest) or a shorter segment"
-            ],
+            f"a path needs {duration / step:.2g} samples, at most {MOST_SAMPLES} are made; "
+            "give a lower highest frequency (highest) or a shorter segment",
         )
     if length * top < 4.0 * KERNEL_BINS[method]:
         raise ValueError(

@@ -78,7 +78,8 @@ def test_the_truck_needs_its_clearance(page: Any) -> None:
     assert "11.21 (11.20 to 11.21) mm" in page.inner_text("table.numbers")
     assert "Make 11.3 mm on each side" in page.inner_text(".answer")
     assert "Three sigma, 5.96 mm: hit almost surely" in page.inner_text(".facts")
-    assert page.locator(".pictures figure canvas").count() >= 2  # risk, rates; others follow
+    answered(page)
+    assert page.locator(".pictures figure canvas").count() == 3  # risk, rates, spectra
 
 
 def turned_by(page: Any, turn: Callable[[], None], wait: Callable[[Any], None] = sized) -> str:
@@ -198,14 +199,14 @@ def test_a_pinned_design_is_compared_and_turned_back_to(page: Any) -> None:
     table = page.locator("table.differences")
     assert not table.is_visible()
     page.click("text=Pin this design")
-    turned_by(page, lambda: set_frequency(page, "16"))
+    turned_by(page, lambda: set_frequency(page, "16"), answered)
     text = table.inner_text()
     assert re.search(r"natural frequency\s+12 Hz\s+16 Hz\s+\+33 %", text)
     assert re.search(r"required clearance\s+11.21 \(11.20 to 11.21\) mm\s+\d", text)
     assert "damping ratio" not in text
     assert page.locator(".legend >> text=pinned").count() >= 2
     page.reload()
-    sized(page)
+    answered(page)
     assert table.inner_text() == text
     turned_by(page, lambda: page.click("text=Turn back to it"))
     assert frequency(page) == "12"

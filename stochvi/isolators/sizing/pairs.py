@@ -205,9 +205,9 @@ class OneCurve(Family):
             name, unit = self.target.name, self.target.unit
             raise NotApplicable(
                 "size",
-                [f"{name} of {self.target.value:.4g} {unit} is exceeded without any stop: the "
-                 f"spring alone brings {alone:.4g} {unit} with a probability of {exceedance:g}"],
-            )  # fmt: skip
+                f"{name} of {self.target.value:.4g} {unit} is exceeded without any stop: the "
+                f"spring alone brings {alone:.4g} {unit} with a probability of {exceedance:g}",
+            )
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -231,7 +231,7 @@ class OneCurve(Family):
         if target.exceedance is None:
             raise NotApplicable(
                 "size",
-                [f"the {target.name} stays below {target.value:g} {target.unit} at any clearance"],
+                f"the {target.name} stays below {target.value:g} {target.unit} at any clearance",
             )
         chance = chance_of(rate, self.mission)
         if not within(chance, target.exceedance):
@@ -486,12 +486,10 @@ class SharedRisk(Family):
             alone = max((each.value for each in self.alone_of_fixed), default=0.0)
             raise NotApplicable(
                 "size",
-                [
-                    f"no clearance of {self.pair} keeps the probability of any impact at "
-                    f"{probability:g}: the other stops ({others}) are hit with a probability "
-                    f"of {least:.3g} (one of them alone with {alone:.3g}); size all "
-                    "pairs together, or move the others farther away"
-                ],
+                f"no clearance of {self.pair} keeps the probability of any impact at "
+                f"{probability:g}: the other stops ({others}) are hit with a probability "
+                f"of {least:.3g} (one of them alone with {alone:.3g}); size all "
+                "pairs together, or move the others farther away",
             )
         if probability > most:
             raise OutOfReach(
@@ -625,10 +623,10 @@ class SharedRisk(Family):
         if alone >= exceedance:
             raise NotApplicable(
                 "size",
-                [f"{self.target.name} of {self.target.limit} is exceeded without any stop, with a "
-                 f"probability of {alone:.3g} at least: make the mounts softer, or raise the "
-                 "limit"],
-            )  # fmt: skip
+                f"{self.target.name} of {self.target.limit} is exceeded without any stop, with a "
+                f"probability of {alone:.3g} at least: make the mounts softer, or raise the "
+                "limit",
+            )
 
     def _crossings(self, rows: Matrix, share: float) -> FirstCrossings:
         """First crossings at rows of distances (levels, sides, pairs), in a share of the time that

@@ -407,7 +407,7 @@ def _check(
     if unmet:
         raise NotApplicable("clatter", unmet)
     if not scene.impact_pairs:
-        raise NotApplicable("clatter", ["the scene needs an impact_pair, for its law"])
+        raise NotApplicable("clatter", "the scene needs an impact_pair, for its law")
     if any(stop.rigid for stop in model.stops):
         unmet.append(
             "a stop with a restitution alone has no stiffness, so impacts have no acceleration; "

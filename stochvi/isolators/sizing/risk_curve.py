@@ -252,7 +252,7 @@ def limit_of_target(scene: Scene, target: Target, at: str | None) -> Limit | Non
     Raises `NotApplicable` where the scene has no pairs, or their laws do not determine the target.
     """
     if not scene.impact_pairs:
-        raise NotApplicable("size", ["the scene needs an impact_pair, with its law, for every gap"])
+        raise NotApplicable("size", "the scene needs an impact_pair, with its law, for every gap")
     if target.exceedance is None:
         return None
     return hardness_of(target.name).limit(scene, target.value, at)

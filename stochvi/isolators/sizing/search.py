@@ -637,10 +637,10 @@ class SizingJob:
         """The refusal of a target that the farthest place misses."""
         return NotApplicable(
             "size",
-            [f"no clearance that is tried keeps the target ({self.target.kept(self.mission)}): at "
-             f"the largest ones it is missed by a factor of {math.exp(excess):.3g}; ask for less, "
-             "or move the other stops"],
-        )  # fmt: skip
+            f"no clearance that is tried keeps the target ({self.target.kept(self.mission)}): at "
+            f"the largest ones it is missed by a factor of {math.exp(excess):.3g}; ask for less, "
+            "or move the other stops",
+        )
 
     def extrapolated(self, place: float, found: Estimate, excess: float, slope: float) -> Reached:
         """The answer, extrapolated from a place near it that was tried.

@@ -327,7 +327,7 @@ def fast_peaks(
     if not tables:
         raise NotApplicable(
             "fast_peaks",
-            ["excitation must hold a table (kind = 'psd', 'road' or 'record'), got none; give one"],
+            "excitation must hold a table (kind = 'psd', 'road' or 'record'), got none; give one",
         )
     length = 2**RECORD_BITS
     highest = max(float(table.frequency_hz[-1]) for table in tables)

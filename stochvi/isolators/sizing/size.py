@@ -147,7 +147,7 @@ class PhaseMotion:
         if conditions := modulated(model):
             raise NotApplicable("size", [f"{each} (in phases)" for each in conditions])
         if model.functions and np.any(model.constant_force):
-            raise NotApplicable("size", [HANGING])
+            raise NotApplicable("size", HANGING)
         motion = _motion_of(model)
         stated = model_of(as_stated(made_for or whole))
         shifts = np.subtract(*(_mean_gaps(each) for each in (model, stated)))
@@ -230,9 +230,9 @@ def _check_level(model: Model, shifts: Vector) -> None:
         got = "a sine beside it" if model.sines else beside
         raise NotApplicable(
             "size",
-            ["noise of varying level must be alone on one pair that hangs evenly, got "
-             f"{got}; reliability gives the risk of a clearance"],
-        )  # fmt: skip
+            "noise of varying level must be alone on one pair that hangs evenly, got "
+            f"{got}; reliability gives the risk of a clearance",
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -378,9 +378,7 @@ class Joint:
         while excess(low) < 0.0:
             low -= step
             if low <= 0.0:
-                raise NotApplicable(
-                    "size", ["probability must be smaller: any clearance keeps it"],
-                )  # fmt: skip
+                raise NotApplicable("size", "probability must be smaller: any clearance keeps it")
         while excess(high) > 0.0:
             high += step
         value = place_of(excess, 0.0, low, high)
@@ -498,17 +496,17 @@ def size_mission(
     if target.name != "probability":
         raise NotApplicable(
             "size",
-            [f"the target must be a probability where the scene has phases, shocks, noise of "
-             f"varying level, or springs that are functions, got {target.name}; size one phase, "
-             "named as FILE.toml#PHASE; reliability then judges the mission; clearance counts the "
-             "impacts on any mount"],
-        )  # fmt: skip
+            f"the target must be a probability where the scene has phases, shocks, noise of "
+            f"varying level, or springs that are functions, got {target.name}; size one phase, "
+            "named as FILE.toml#PHASE; reliability then judges the mission; clearance counts the "
+            "impacts on any mount",
+        )
     if differing := [key for key, _ in varied(scene)]:
         raise NotApplicable(
             "size",
-            ["nothing may differ between units where the scene has phases, got "
-             f"{differing[0]}; size one phase, named as FILE.toml#PHASE"],
-        )  # fmt: skip
+            "nothing may differ between units where the scene has phases, got "
+            f"{differing[0]}; size one phase, named as FILE.toml#PHASE",
+        )
     allowed = (tolerances or Tolerances.of(scene)).felt(scene, by_hits=False)
     _check_changes(scene, allowed)
     end = 1.0 if allowed == Tolerances() else 1.0 - SEARCH.share_of_tolerances
@@ -807,9 +805,9 @@ def _check_changes(scene: Scene, allowed: Tolerances) -> None:
     if scene.structure.functions and any(name != "level" for name in allowed.limits()):
         raise NotApplicable(
             "size",
-            ["tolerances must be of the level alone where a spring or damper is a function, got "
-             f"{allowed.in_words()}; write a scene for each state of the mount"],
-        )  # fmt: skip
+            "tolerances must be of the level alone where a spring or damper is a function, got "
+            f"{allowed.in_words()}; write a scene for each state of the mount",
+        )
 
 
 # ------------------------------------------------------------------------------
@@ -994,7 +992,7 @@ def _trial(place: float, found: Damage, ratio: float, reached: bool) -> _Trial:
     ratios = found.damage_ratio
     if ratios is None:
         raise NotApplicable(
-            "size", ["the motion without stops must be stationary, to compare the damage with"]
+            "size", "the motion without stops must be stationary, to compare the damage with"
         )
     worst = max(ratios.estimates(), key=lambda each: each.value)
     added = max(worst.value - 1.0, LEAST_ADDED)
@@ -1031,7 +1029,7 @@ def _search(tried_at: Any, sigma: float, run: Run) -> tuple[list[_Trial], float]
             square = min(max(square, 0.9 * ends[0] + 0.1 * ends[1]), 0.1 * ends[0] + 0.9 * ends[1])
         elif trial.excess < 0.0 and place <= LEAST_SIGMA * sigma * 1.01:
             raise NotApplicable(
-                "size", [f"ratio must be smaller: {LEAST_SIGMA:g} rms displacements keep it"]
+                "size", f"ratio must be smaller: {LEAST_SIGMA:g} rms displacements keep it"
             )
         place = math.sqrt(square)
     return trials, slope
@@ -1266,10 +1264,10 @@ def _of_production(scene: Scene, asked: Question, spreads: Mapping[str, Spread])
     if name != "probability":
         raise NotApplicable(
             "size",
-            [f"the target must be a probability of any impact where tolerances have a "
-             f"distribution, got {name}; give them as limits, as frequency=5%, or leave out what "
-             "differs between units in the scene"],
-        )  # fmt: skip
+            f"the target must be a probability of any impact where tolerances have a "
+            f"distribution, got {name}; give them as limits, as frequency=5%, or leave out what "
+            "differs between units in the scene",
+        )
     share = SHARE_OF_NOMINAL
     first = run.part(0.0, share, deadline=run.deadline.share(share))
     found = nominal_sizing(scene, replace(asked, run=first, tolerances=Tolerances()))

@@ -255,7 +255,7 @@ class DensityNoise(BaseExcitation):
         most = MOST_KURTOSIS if self.level_time is None else MOST_KURTOSIS_OF_LEVEL
         if self.kurtosis is not None and not 3.0 < self.kurtosis <= most:
             problem = f"must be above 3 and at most {most:g}, got {self.kurtosis:g}"
-            raise SceneError([("kurtosis", problem)])
+            raise SceneError("kurtosis", problem)
         return self
 
     @property
@@ -370,19 +370,22 @@ def agreed_unit(name: str | None, columns: Columns, quantities: tuple[str, ...])
         _check_sides(columns)
     if stated is not None and name is not None and not stated.same(unit(name)):
         raise SceneError(
-            [("unit", f"is {name!r}, but {columns.stated_in} says {stated.name!r}; take out the "
-              "one that is wrong")]
-        )  # fmt: skip
+            "unit",
+            f"is {name!r}, but {columns.stated_in} says {stated.name!r}; take out the "
+            "one that is wrong",
+        )
     if stated is not None and stated.quantity not in quantities:
         raise SceneError(
-            [("file", f"{columns.stated_in} says {stated.name!r}, expected the unit of an "
-              f"{' or a '.join(quantities)} ({listed_units(*quantities)})")]
-        )  # fmt: skip
+            "file",
+            f"{columns.stated_in} says {stated.name!r}, expected the unit of an "
+            f"{' or a '.join(quantities)} ({listed_units(*quantities)})",
+        )
     if stated is None and name is None and columns.unread and columns.lines is None:
         raise SceneError(
-            [("unit", f"must be one of {listed_units(*quantities)}, but {columns.stated_in} says "
-              f"{shown(columns.unread)}; choose another one, or give unit if that text is wrong")]
-        )  # fmt: skip
+            "unit",
+            f"must be one of {listed_units(*quantities)}, but {columns.stated_in} says "
+            f"{shown(columns.unread)}; choose another one, or give unit if that text is wrong",
+        )
     if stated is None and name is None:
         wanted = f"needs unit, one of {listed_units(*quantities)}, got none"
         raise ValueError(wanted + _unread_heading(columns, quantities))
@@ -424,19 +427,21 @@ def _check_sides(columns: Columns) -> None:
     for place, text in (("above its values", columns.heading), *columns.remarks):
         if re.search(TWO_SIDED, text, re.I) and not re.search(ONE_SIDED, text, re.I):
             raise SceneError(
-                [("file", f"says {text.strip()[:80]!r} ({place}), expected a one-sided density; "
-                  "leave out negative frequencies, double the values at positive ones, and say "
-                  "one-sided there")]
-            )  # fmt: skip
+                "file",
+                f"says {text.strip()[:80]!r} ({place}), expected a one-sided density; "
+                "leave out negative frequencies, double the values at positive ones, and say "
+                "one-sided there",
+            )
 
 
 def _check_heading(heading: str, named: Unit | None) -> None:
     """Refuse a heading that contradicts the unit of the scene by decibels."""
     if re.search(r"\bdB\b", heading, re.I) and not (named and named.decibels):
         raise SceneError(
-            [("unit", f"must say what 0 dB stands for, as in 'dB re 1 g2/Hz': above the values "
-              f"stands {heading!r}")]
-        )  # fmt: skip
+            "unit",
+            f"must say what 0 dB stands for, as in 'dB re 1 g2/Hz': above the values "
+            f"stands {heading!r}",
+        )
 
 
 TWO_SIDED = r"(?:two|double|2)[-_ ]?sided|zweiseitig|bilat[eé]ral"
@@ -611,7 +616,7 @@ class Sine(BaseExcitation):
                 f"{given(self, *STRENGTHS)}"
             )
         if self.unit is not None and self.amplitude is None:
-            raise SceneError([("unit", "is that of amplitude, got none; leave unit out")])
+            raise SceneError("unit", "is that of amplitude, got none; leave unit out")
         self._factor  # noqa: B018  a unit that is none is refused here
         return self
 
@@ -623,9 +628,8 @@ class Sine(BaseExcitation):
         found = unit(self.unit)
         if found.quantity not in ("acceleration", "force"):
             raise SceneError(
-                [("unit", f"must be one of {listed_units('acceleration', 'force')}, got "
-                  f"{self.unit!r}")]
-            )  # fmt: skip
+                "unit", f"must be one of {listed_units('acceleration', 'force')}, got {self.unit!r}"
+            )
         return found.factor
 
     def _strengths(self) -> dict[str, float]:

@@ -810,25 +810,27 @@ def read_response_spectrum(path: Path, of: str | None) -> EstimatedDensity:
     """
     if not is_response_spectrum(path):
         raise SceneError(
-            [("of", f"chooses a coordinate of a spectrum.csv that `stochvi spectrum --out` wrote, "
-              f"got {path.name} without its columns {', '.join(HEADING)}; column = chooses one of "
-              "another table")]
-        )  # fmt: skip
+            "of",
+            f"chooses a coordinate of a spectrum.csv that `stochvi spectrum --out` wrote, "
+            f"got {path.name} without its columns {', '.join(HEADING)}; column = chooses one of "
+            "another table",
+        )
     try:
         table = list(csv.DictReader(decoded(path, LARGEST_DATA_FILE).splitlines()))
     except csv.Error as reason:
-        raise SceneError([("file", f"{path} cannot be read: {reason}; write it again")]) from None
+        raise SceneError("file", f"{path} cannot be read: {reason}; write it again") from None
     owners = list(dict.fromkeys(row["of"] for row in table if row["quantity"] == QUANTITY))
     if not owners:
         raise SceneError(
-            [("file", f"{path} holds no absolute acceleration: the spectra of a scene have none "
-              "where a force acts on a mass; use the spectra of a scene whose base alone moves")]
-        )  # fmt: skip
+            "file",
+            f"{path} holds no absolute acceleration: the spectra of a scene have none "
+            "where a force acts on a mass; use the spectra of a scene whose base alone moves",
+        )
     of = None if of is None else as_text(of)
     if of is None and len(owners) > 1:
-        raise SceneError([("of", f"must say whose acceleration is meant: {_listed(owners)}")])
+        raise SceneError("of", f"must say whose acceleration is meant: {_listed(owners)}")
     if of is not None and of not in owners:
-        raise SceneError([("of", f"must be {_listed(owners)}, got {of!r}")])
+        raise SceneError("of", f"must be {_listed(owners)}, got {of!r}")
     chosen = [
         row for row in table if row["of"] == (of or owners[0]) and row["quantity"] == QUANTITY
     ]
@@ -840,7 +842,7 @@ def read_response_spectrum(path: Path, of: str | None) -> EstimatedDensity:
         stated = unit(chosen[0]["unit"])
     except (TypeError, ValueError) as reason:
         raise SceneError(
-            [("file", f"{path} holds a row with a text in place of a number: {reason}")]
+            "file", f"{path} holds a row with a text in place of a number: {reason}"
         ) from None
     known = density > 0.0
     relative = 100.0 * float(np.median(error[known] / density[known])) if known.any() else 0.0
@@ -963,14 +965,14 @@ class TabulatedNoise(DensityNoise):
             for row, value in enumerate(self.density):
                 if value <= 0.0:
                     sentence = f"must be greater than 0, got {value!r}"
-                    raise SceneError([(f"density.{row}", sentence)])
+                    raise SceneError(f"density.{row}", sentence)
         assert columns.x is not None
         try:
             density = self._unit.to_si(columns.y) * power_ratio(self.level_db)
             self._table = Table(frequency_hz=columns.x, density=density)
         except ValueError as error:
             where = "" if self.file is None else f"{self.file} "
-            raise SceneError([("" if self.file is None else "file", f"{where}{error}")]) from None
+            raise SceneError("" if self.file is None else "file", f"{where}{error}") from None
         return self
 
     def _columns(self) -> Columns:
@@ -1301,7 +1303,7 @@ class Modulation(BaseExcitation):
                     frequency_hz=np.array(self.frequency_hz), density=np.array(self.density)
                 )
             except ValueError as error:
-                raise SceneError([("", str(error))]) from None
+                raise SceneError(str(error)) from None
         path = Path(self.file)
         with sentences_of("file"):
             columns, _ = cleaned(read_columns(path, ("frequency_hz", "density")), path, False)

@@ -794,7 +794,7 @@ def with_columns(keys: Any) -> Any:
         raise ValueError(f"takes {key}, or deflection and force, got {key} and {given[0]}")
     given_unit = keys.get("unit")
     if given_unit is not None and given_unit not in tuple(COLUMN_UNITS):
-        raise SceneError([("unit", f"must be {CHOICES}, got {given_unit!r}")])
+        raise SceneError("unit", f"must be {CHOICES}, got {given_unit!r}")
     names = ("deflection", "force")
     with sentences_of(key):
         table = table_of(source, names)
@@ -1134,7 +1134,7 @@ def with_stiffness(keys: Mapping[str, Any]) -> dict[str, Any]:
     try:
         modulus = youngs_modulus(hardness)
     except ValueError as error:
-        raise SceneError([("shore_a", str(error))]) from None
+        raise SceneError("shore_a", str(error)) from None
     stiffness = modulus * area / thickness
     conversion = (
         f"stiffness {stiffness:.4g} N/m of a pad of {1e4 * area:.4g} cm² and {1e3 * thickness:.4g} "
@@ -1170,7 +1170,7 @@ def with_damping_ratio(keys: Mapping[str, Any]) -> dict[str, Any]:
         try:
             ratio = damping_ratio_of(value)
         except ValueError as error:
-            raise SceneError([(name, str(error))]) from None
+            raise SceneError(name, str(error)) from None
         at = "" if speed is None else f", measured at {_positive(keys, 'at_speed'):g} m/s"
         conversion = (
             f"damping ratio {ratio:.4g}, at which a free mass has the restitution {value:g}{at}; "
@@ -1191,9 +1191,9 @@ def _converted(
 def _positive(keys: Mapping[str, Any], name: str) -> float:
     value = keys[name]
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise SceneError([(name, f"must be a finite number, got {value!r}")])
+        raise SceneError(name, f"must be a finite number, got {value!r}")
     if value <= 0.0:
-        raise SceneError([(name, f"must be greater than 0, got {value!r}")])
+        raise SceneError(name, f"must be greater than 0, got {value!r}")
     return float(value)
 
 

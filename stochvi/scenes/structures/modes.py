@@ -402,7 +402,7 @@ class Modes(ModalStructure):
             isinstance(points, dict) and all(isinstance(each, str) for each in points.values())
         ):
             raise SceneError(
-                [("points", f'must name columns or nodes, as {{ tip = "12.z" }}, got {points!r}')]
+                "points", f'must name columns or nodes, as {{ tip = "12.z" }}, got {points!r}'
             )
         with sentences_of(key):
             found = read_modes(source, points)

@@ -139,11 +139,9 @@ class Replayed:
         if self.duration / self.step > MOST_SAMPLES:
             raise NotApplicable(
                 "damage by the record itself",
-                [
-                    f"a record of {self.duration:.3g} s at steps of {self.step:.2g} s needs "
-                    f"{self.duration / self.step:.2g} samples, at most {MOST_SAMPLES} are made; "
-                    "ask for equipment in a narrower band (equipment), or for a part of the record"
-                ],
+                f"a record of {self.duration:.3g} s at steps of {self.step:.2g} s needs "
+                f"{self.duration / self.step:.2g} samples, at most {MOST_SAMPLES} are made; "
+                "ask for equipment in a narrower band (equipment), or for a part of the record",
             )
         self.segments = [each.refined(self.parts) for each in segments]
 
@@ -620,7 +618,7 @@ class _Question:
         varies = self.model.level is not None
         if gaussian is None or without is None or self.driven or varies or way == "simulation":
             if way == "clusters":
-                raise NotApplicable("damage", ["clusters need Gaussian noise of the base alone"])
+                raise NotApplicable("damage", "clusters need Gaussian noise of the base alone")
             return None
         sampler = self._cluster_sampler(way)
         if sampler is None:
@@ -663,7 +661,7 @@ class _Question:
             expected = sampler.seconds * float(clusters.records.rice_rates.sum())
             if expected == 0.0:
                 unmet = "stops must be within reach, got none that is ever met; leave way out"
-                raise NotApplicable("damage", [unmet])
+                raise NotApplicable("damage", unmet)
             if way is None and (expected > UNFINISHED or not sampler.fits):
                 return None
         except NotApplicable:
@@ -792,20 +790,20 @@ def _driven(scene: Scene, model: Model) -> bool:
     """Whether tables shake masses, so that their force is a part of the acceleration."""
     if model.scattered:
         remedy = "restitution must not scatter, as impulses are not recorded; give its mean alone"
-        raise NotApplicable("damage", [remedy])
+        raise NotApplicable("damage", remedy)
     if conditions := modulated(model) + rubbing(model):
         raise NotApplicable("damage", conditions)
     on_base, on_masses = places_shaken(scene)
     if model.remembers:
         why = f"{why_no_acceleration(model, on_base)}; give a spring without memory"
-        raise NotApplicable("damage", [why])
+        raise NotApplicable("damage", why)
     if on_masses and (on_base or model.whites):
         raise _unknown(why_no_acceleration(model, on_base))
     return on_masses
 
 
 def _unknown(why: str) -> NotApplicable:
-    return NotApplicable("damage", [f"the acceleration must be known: {why}; shake the base"])
+    return NotApplicable("damage", f"the acceleration must be known: {why}; shake the base")
 
 
 def scatter_of_impacts(exponent: float) -> float:

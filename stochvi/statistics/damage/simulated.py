@@ -239,12 +239,10 @@ def sampled_for(plan: HistoryPlan, equipment: Equipment) -> HistoryPlan:
     if duration / step > MOST_SAMPLES:
         raise NotApplicable(
             "damage",
-            [
-                f"a record of {duration:.3g} s at steps of {step:.2g} s needs "
-                f"{duration / step:.2g} samples, at most {MOST_SAMPLES} are made; ask for "
-                "equipment in a narrower band (equipment), or replace a stop whose contacts are "
-                "short by a rigid one with its restitution"
-            ],
+            f"a record of {duration:.3g} s at steps of {step:.2g} s needs "
+            f"{duration / step:.2g} samples, at most {MOST_SAMPLES} are made; ask for "
+            "equipment in a narrower band (equipment), or replace a stop whose contacts are "
+            "short by a rigid one with its restitution",
         )
     return plan.sampled(step, duration)
 

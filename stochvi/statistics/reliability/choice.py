@@ -530,11 +530,9 @@ def first_hit(
         if surely:
             raise NotApplicable(
                 "first crossings",
-                [
-                    "the static equilibrium must lie between the stops or barriers, got one that "
-                    f"is {max(-below, -above):.4g} m beyond; move them; for a mass that is pressed "
-                    "onto a stop, impacts counts the returns"
-                ],
+                "the static equilibrium must lie between the stops or barriers, got one that "
+                f"is {max(-below, -above):.4g} m beyond; move them; for a mass that is pressed "
+                "onto a stop, impacts counts the returns",
             )
         return None
     started = time.process_time()
@@ -676,7 +674,7 @@ def by_conditioning(
     if not scene.impact_pairs:
         if limits:
             raise NotApplicable(
-                "reliability", ["impacts need a stop, got a scene without impact_pair"]
+                "reliability", "impacts need a stop, got a scene without impact_pair"
             )
         return found
     try:
@@ -843,11 +841,9 @@ def counted_hits(
     if mission / step > MOST_SAMPLES:
         raise NotApplicable(
             "reliability",
-            [
-                f"shocks that meet are counted in whole missions of at most {MOST_SAMPLES} "
-                f"samples, got {mission / step:.3g}; ask for a mission of at most "
-                f"{MOST_SAMPLES * step:.3g} s"
-            ],
+            f"shocks that meet are counted in whole missions of at most {MOST_SAMPLES} "
+            f"samples, got {mission / step:.3g}; ask for a mission of at most "
+            f"{MOST_SAMPLES * step:.3g} s",
         )
     sampler = MissionsWithoutStops(
         plan.sampled(min(step, plan.step), mission), model, tuple(pairs), jobs.run.seed

@@ -147,7 +147,7 @@ class GapClusters:
             block_length=2.0 * MEMORY * relaxation,
         ).with_step(2.0 * math.pi / PER_PERIOD / fastest)  # fmt: skip
         if plan.samples * len(gaps) > MOST_SAMPLES:
-            raise NotApplicable("crossings", ["fast motion and slow decay lie too far apart"])
+            raise NotApplicable("crossings", "fast motion and slow decay lie too far apart")
         if (memory := memory_of(plan)) > 0.5 * plan.block_length:
             plan = plan.with_block(2.0 * memory)
         self.samples, half = plan.samples, plan.samples // 2
@@ -312,8 +312,7 @@ def _stops(moving: Sequence[MovingMean], away: Matrix) -> Stops:
     ]
     if not found:
         raise NotApplicable(
-            "crossings",
-            ["excitation must move at least one gap, got none that moves; check its on"],
+            "crossings", "excitation must move at least one gap, got none that moves; check its on"
         )
     gap, *others = np.array(found).T
     return Stops(gap.astype(int), *others)

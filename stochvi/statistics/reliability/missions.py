@@ -767,9 +767,9 @@ def felt_by(model: Model) -> RandomLevel:
     memory = 1.0 / slowest if slowest > 0.0 else math.inf
     raise NotApplicable(
         "Gaussian motion at each level",
-        [f"level_time must be long beside the memory of the motion, {memory:.3g} s, got "
-         f"{level.time:g} s; simulate follows it"],
-    )  # fmt: skip
+        f"level_time must be long beside the memory of the motion, {memory:.3g} s, got "
+        f"{level.time:g} s; simulate follows it",
+    )
 
 
 def of_random_level(
@@ -819,7 +819,7 @@ def _levels_to_try(
     hazard = np.minimum(expected(level.gains), 1.0 / min(level.time, mission))
     shares = np.cumsum(level.weights * hazard)
     if not shares[-1] > 0.0:
-        raise NotApplicable("reliability", ["stops must be near enough to be crossed at any level"])
+        raise NotApplicable("reliability", "stops must be near enough to be crossed at any level")
     low, high = np.interp([LEFT_OUT, 1.0 - LEFT_OUT], shares / shares[-1], level.normals)
     tried = np.linspace(low, high, TRIED)
     decibels = 20.0 * np.log10(level.gain(tried))

@@ -289,7 +289,7 @@ def _check_any_impact(drive: str, scene: Scene, others: Mapping[str, object], st
     if start == "rest" or not scene.impact_pairs:
         got = "start = 'rest'" if start == "rest" else "a scene without impact_pair"
         raise NotApplicable(
-            "reliability", [f"stops and a stationary start are needed with {drive}, got {got}"]
+            "reliability", f"stops and a stationary start are needed with {drive}, got {got}"
         )
 
 
@@ -379,7 +379,7 @@ def _simulated(
             sentence = (
                 "impacts after the first one are not followed beside shocks; impacts counts all"
             )
-            raise NotApplicable("expected impacts", [sentence])
+            raise NotApplicable("expected impacts", sentence)
         if found.chances["hit"].estimate.value > 0.0:
             found.hits, found.pairs = hits_of_pairs(
                 stopped, mission, overlap, found.pairs, jobs.sharing(len(limits))
@@ -556,21 +556,19 @@ def _is_coloured(scene: Scene, model: Model, start: str, way: str | None) -> boo
     if model.omega == 0.0:
         raise NotApplicable(
             "reliability",
-            [
-                "structure.stiffness must be positive, since missions start at rest on the spring "
-                "or in the motion without stops, got 0"
-            ],
+            "structure.stiffness must be positive, since missions start at rest on the spring "
+            "or in the motion without stops, got 0",
         )
     kinds = {excitation.kind for excitation in scene.excitations}
     coloured = not kinds <= {"white", "constant"}
     if coloured and start == "rest":
         raise NotApplicable(
             "reliability",
-            ["start = 'rest' needs white noise, got " + ", ".join(sorted(kinds - {"constant"}))],
+            "start = 'rest' needs white noise, got " + ", ".join(sorted(kinds - {"constant"})),
         )
     if coloured and way in ("crude", "splitting"):
         raise NotApplicable(
-            "reliability", [f"way = {way!r} needs white noise; leave way out under other noise"]
+            "reliability", f"way = {way!r} needs white noise; leave way out under other noise"
         )
     return coloured
 
