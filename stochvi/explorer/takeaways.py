@@ -35,8 +35,9 @@ LEVELS_DB = (-6.0, 0.0, 6.0)
 ABSORBED = 0.05
 """Relative error of what an absorber leaves."""
 
-SPAN, SINES = 1.5, 25
-"""Factor by which frequencies reach beyond that of a sine, either way, and their number."""
+SPAN, SINES = 0.4, 25
+"""Part by which frequencies reach beyond that of a sine, either way, and their odd number: its own
+is among them."""
 
 BUDGET = 60.0
 """Largest time of what is taken away, s."""
@@ -65,7 +66,7 @@ def question_of(design: Design, seed: int) -> Question:
         return Question("absorber", {"levels": levels, **shares}, "absorber",
                         {"levels_db": LEVELS_DB, **shares})  # fmt: skip
     if kind == "sine":
-        start, end = ends_of(design.scene)
+        start, end = (frequency_of(design.scene) * (1.0 + each) for each in (-SPAN, SPAN))
         return Question("sine", {"start": start, "end": end, "points": SINES}, "harmonic_response",
                         {"frequency_hz": np.linspace(start, end, SINES).tolist()})  # fmt: skip
     asked: dict[str, Any] = {"probability": design.probability, "mission": design.mission}
@@ -77,10 +78,9 @@ def question_of(design: Design, seed: int) -> Question:
     return Question("size", options | {"seed": seed}, "size", asked | {"seed": seed})
 
 
-def ends_of(scene: Scene) -> tuple[float, float]:
-    """Frequencies about that of the sine of a scene, Hz."""
-    own = float(scene.document()["excitation"][0]["frequency_hz"])
-    return own / SPAN, own * SPAN
+def frequency_of(scene: Scene) -> float:
+    """The frequency of the sine that shakes a scene, Hz."""
+    return float(scene.document()["excitation"][0]["frequency_hz"])
 
 
 def _limit(quantity: str, limits: Mapping[str, float]) -> str:

@@ -57,7 +57,7 @@ from stochvi.explorer.knobs import (
 )
 from stochvi.explorer.takeaways import (
     CommandLine,
-    ends_of,
+    frequency_of,
     offers_of,
     question_of,
     taken,
@@ -163,7 +163,7 @@ def of(name: str, estimate: Estimate | None, unit: str) -> Message | None:
         return None
     number = stated(name, estimate.value, unit, estimate.how)
     if estimate.bias is None and estimate.upper_95 is None:
-        return number | {"method": f"{estimate.how}; its bias is not known, and so no interval"}
+        return number | {"method": f"{estimate.how}; no interval"}
     low, high = estimate.interval()
     return number | {"low": max(low, 0.0), "high": high}
 
@@ -408,8 +408,7 @@ class Turn:
         asked = question_of(self.design, self.seed).arguments
         found = harmonic_response(self.scene, budget=BUDGET, **asked).to_frame()
         frequencies = found["frequency_hz"].to_numpy()
-        own = math.sqrt(math.prod(ends_of(self.scene)))
-        near = frequencies[np.argmin(abs(frequencies - own))]
+        near = frequencies[np.argmin(abs(frequencies - frequency_of(self.scene)))]
         stable = found[(frequencies == near) & (found["stable"] > 0) & (found["admissible"] > 0)]
         sizes = ", ".join(f"{1e3 * each:.3g} mm" for each in sorted(stable["amplitude"]))
         sentence = f"Stable motions at {near:.4g} Hz, by their amplitude: {sizes or 'none'}."

@@ -295,7 +295,7 @@ def test_a_number_without_a_known_bias_has_no_interval() -> None:
     low, high = known.interval()
     assert of("rate", known, "1/s") == stated("rate", 2.0, "1/s", "") | {"low": low, "high": high}
     unknown = of("rate", replace(known, bias=None), "1/s")
-    assert unknown is not None and "low" not in unknown and "not known" in unknown["method"]
+    assert unknown is not None and "low" not in unknown and "no interval" in unknown["method"]
 
 
 def test_the_first_turn_of_a_page_ends_the_warm_up() -> None:

@@ -249,7 +249,7 @@ def test_a_kind_is_asked_by_its_own_command() -> None:
     explorer = Explorer(TRUCK, 0, line_of)
     for name, word in (
         ("impact absorber on a tower", "absorber design.toml --levels -6,0,6 --rel-error 0.05"),
-        ("isolator under a sine", "sine design.toml --from 66"),
+        ("isolator under a sine", "sine design.toml --from 60"),
     ):
         assert f"stochvi {word}" in file_of(explorer, "command", preset=name)
     assert "report" not in asked(explorer, type="open", preset="isolator under a sine")[0]["offers"]

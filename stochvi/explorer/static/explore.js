@@ -279,7 +279,7 @@ function render({ model, el }) {
     const common = { kind: "solid", y: curve.probability, low: curve.probability_low, high: curve.probability_high };
     if (curve.clearance) return [{ ...common, name: "first crossings", x: curve.clearance }];
     const pairs = Object.keys(curve).filter((each) => !each.startsWith("probability") && each !== "independent");
-    return pairs.map((name) => ({ ...common, name, x: curve[name] }));
+    return pairs.map((name) => ({ ...common, name: pairs.length > 1 ? name : "first crossings", x: curve[name] }));
   }
 
   const PAINTERS = {
