@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from stochvi.explorer.turns import Explorer, told
+from stochvi.mathematics.units import checked
 from stochvi.results.errors import StochviError
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import Scene, load_scene
@@ -57,6 +58,7 @@ def style() -> str:
     return "\n".join((STATIC / name).read_text(encoding="utf-8") for name in STYLES)
 
 
+@checked
 def explore(scene: Scene | None = None, *, seed: int = 0) -> Any:
     """A panel in a notebook whose knobs are turned: the page of `stochvi explore`.
 

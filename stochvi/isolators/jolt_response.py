@@ -17,7 +17,7 @@ from stochvi.mathematics.numerics import Matrix
 from stochvi.mathematics.units import LENGTH
 from stochvi.methods.periodic.resonance import HarmonicResonance
 from stochvi.model.coverage import beyond_one_oscillator, functions, scattered
-from stochvi.model.model import model_of
+from stochvi.model.model import Model, model_of
 from stochvi.motion.kernels.random_numbers import seed_streams
 from stochvi.motion.modal import ModalPlan, plan_modal
 from stochvi.results.base import DataFrame, Result, frame_of
@@ -329,7 +329,7 @@ def perturbations(
         resonance=_resonance(scene, sine),
         clearance=_clearance(scene),
         noise=model.noisy,
-        warnings=scene.at_means(),
+        warnings=(*scene.at_means(), *_rests(scene, model, sine)),
         provenance=provenance(scene.document(), seed),
     )
     if len(hits) < len(speeds):
@@ -408,6 +408,20 @@ def _clearance(scene: Scene) -> float:
     model = model_of(scene)
     mean = float(model.mean_gaps[0])
     return min(abs(stop.position - mean) for stop in model.stops)
+
+
+def _rests(scene: Scene, model: Model, sine: Sine) -> list[str]:
+    """A sentence where the sine can hold a mass on a rigid stop: it leaves at one phase, whatever
+    came before, and clatter is too sensitive for its further way to be computed."""
+    resonance = _resonance(scene, sine)
+    pulled = resonance is not None and resonance.omega**2 * _clearance(scene)
+    if model.noisy or resonance is None or resonance.amplitude <= pulled:
+        return []
+    return [
+        "the sine can hold the mass on a stop; all paths that have rested there go on alike, and "
+        "rounding decides whether clatter captures them: shares may differ by more than their "
+        "intervals from machine to machine; a little noise in the scene removes this"
+    ]
 
 
 def _resonance(scene: Scene, sine: Sine) -> HarmonicResonance | None:

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.engine.parts import bodies_lacking
 from stochvi.mathematics.numerics import CANCELLATION, Matrix, Vector, Waves
 from stochvi.mathematics.spectra import (
     Change,
@@ -186,6 +185,8 @@ def moving_stops(model: Model) -> list[str]:
 
 def not_compiled(model: Model) -> list[str]:
     """A sentence for each impact law of a model that no simulation can follow."""
+    from stochvi.engine.parts import bodies_lacking  # numba, which closed forms do not load
+
     found = []
     for law, place in _laws(model):
         compiled = law.compiled()

@@ -666,4 +666,6 @@ def jolts_told(found: Jolts) -> Told:
         "on_both_stops; left_later",
         0,
     )
-    return Told(verdict=found.summary(), sections=[Section(grids=grids)])
+    return Told(
+        verdict=found.summary(), sections=[Section(grids=grids)], warnings=list(found.warnings)
+    )

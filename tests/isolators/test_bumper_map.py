@@ -692,6 +692,19 @@ def test_the_share_of_captured_jolts_is_that_of_a_brute_force() -> None:
     assert abs(share - other) > 4.5 * error
 
 
+def test_a_sine_that_holds_the_mass_on_a_stop_makes_shares_uncertain() -> None:
+    """From rest on a stop every path leaves alike: three integrators found .001, .1 and .24 to be
+    captured at 0.05 m/s, all those that had rested; with noise of 1e-4 all steps agree."""
+    held = AMPLITUDE / OMEGA**2  # the clearance at which the spring pulls as hard as the sine
+    for clearance, noise, said in (
+        (4e-4, 0.0, True),
+        (4e-4, 1e-4, False),
+        (1.01 * held, 0.0, False),
+    ):
+        notes = perturbations(mount(clearance, noise=noise), [0.05], paths=2, duration=0.2).warnings
+        assert any("rounding decides" in note for note in notes) == said
+
+
 def test_noise_throws_the_mount_out_again() -> None:
     quiet = perturbations(mount(0.9 * BOUNDARY), [0.3], paths=128, duration=20.0)
     noisy = perturbations(mount(0.9 * BOUNDARY, noise=0.3), [0.3], paths=128, duration=20.0)
