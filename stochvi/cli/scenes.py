@@ -300,7 +300,21 @@ def _with_numbers(kind: str, given: dict[str, str | None]) -> str:
     if kind == "box":
         fields |= _box(mass, int(mounts), stiffness, zeta, numbers["size"])
     path = data_folder() / "scenes" / "templates" / f"{kind}.txt"
-    return Template(path.read_text("utf-8")).substitute(fields)
+    template = Template(path.read_text("utf-8"))
+    if kind == "box":
+        fields |= _stops_at_three_sigma(template.substitute(fields, corner_stop=1.0, side_stop=1.0))
+    return template.substitute(fields)
+
+
+def _stops_at_three_sigma(text: str) -> dict[str, str]:
+    """Clearances of three rms motions: a fixed one is far out of reach of stiff mounts."""
+    import tomllib
+
+    from stochvi.isolators import screen
+    from stochvi.scenes.scene import Scene
+
+    found = screen(Scene(**tomllib.loads(text))).impact_pairs
+    return {f"{name}_stop": f"{gap.three_sigma:.2g}" for name, gap in found.items()}
 
 
 def _box(

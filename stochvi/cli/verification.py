@@ -162,7 +162,9 @@ def problems(options: Common, paths: int, relaxations: float) -> None:
 
 
 @command("json, out, quiet", reads="file")
-def judge(options: Common, file: str, problem: str, form: str | None, allowed: float) -> None:
+def judge(
+    options: Common, file: str, problem: str, form: str | None, allowed: float, finds: float | None
+) -> None:
     """Judge what another program wrote; exit 1 if it is wrong.
 
     FILE is CSV: statistics (quantity,value,standard_error), averages of each path, or records
@@ -171,12 +173,17 @@ def judge(options: Common, file: str, problem: str, form: str | None, allowed: f
     --problem NAME|FILE.json (needed)  A problem that `problems` lists, or a file that it wrote.
     --format statistics|averages|records as form  Format of FILE; default: recognised by its header.
     --allowed PERCENT (float) = 0.0  Largest bias that is accepted, per cent.
+    --finds PERCENT (float)  Error that must be found: too few paths for it are no pass, per cent.
     """
     from stochvi.verification.testing.documents import judge_file
 
     if not 0.0 <= allowed < 100.0:
         raise ValueError(f"--allowed must be at least 0 and below 100 per cent, got {allowed:g}")
-    verdict = judge_file(file, problem, format=form, paths=FILE_PATHS, allowed_percent=allowed)
+    if finds is not None and not finds > allowed:
+        raise ValueError(f"--finds must be above --allowed, {allowed:g} per cent, got {finds:g}")
+    verdict = judge_file(
+        file, problem, format=form, paths=FILE_PATHS, allowed_percent=allowed, finds_percent=finds
+    )
     options.show(verdict)
     if not verdict.passed:
         stop(f"judge failed: {verdict.summary()}", FAILED)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Vector, root_between
 from stochvi.mathematics.spectra import welch
-from stochvi.mathematics.units import ACCELERATION, FORCE, HOURLY, ShownQuantity
+from stochvi.mathematics.units import ACCELERATION, FORCE, HOURLY, ShownQuantity, outside_of_share
 from stochvi.results.base import DataFrame, Result, frame_of, stated, with_unit
 from stochvi.results.errors import SceneError
 from stochvi.results.estimates import (
@@ -627,7 +627,7 @@ def shocks(
             f"{rate:g} Hz, got {natural_frequency:g}; leave it out"
         )
     if not 0.0 < false_alarms <= 1.0:
-        raise ValueError(f"false_alarms must be in (0, 1], got {false_alarms:g}")
+        raise outside_of_share("false_alarms", "in (0, 1]", false_alarms)
     found = Search(noise.record, natural_frequency, false_alarms)
     least = min(each.degrees for each in found.views)
     if least < FEWEST_DEGREES:

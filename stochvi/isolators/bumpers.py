@@ -18,7 +18,14 @@ from stochvi.isolators.screening import at_clearances, check_movable
 from stochvi.isolators.sizing.risk_curve import ACCEPTED
 from stochvi.isolators.tolerances import Tolerances, changed_stops
 from stochvi.mathematics.numerics import Matrix, Vector
-from stochvi.mathematics.units import ACCELERATION, LENGTH, STIFFNESS, shown, spoken_mission
+from stochvi.mathematics.units import (
+    ACCELERATION,
+    LENGTH,
+    STIFFNESS,
+    outside_of_share,
+    shown,
+    spoken_mission,
+)
 from stochvi.model.coverage import beyond_one_oscillator, free_motion
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import DataFrame, Result, frame_of
@@ -802,7 +809,7 @@ def _check(scene: Scene, mission: float, exceedance: float) -> None:
     if not 0.0 < mission < math.inf:
         raise ValueError(f"mission must be a positive number of seconds, got {mission}")
     if not 0.0 < exceedance < 1.0:
-        raise ValueError(f"exceedance must be in (0, 1), got {exceedance:g}")
+        raise outside_of_share("exceedance", "in (0, 1)", exceedance)
     if conditions := beyond_one_oscillator(model_of(scene)):
         why = (
             "a map is of one linear mass; sweep by size or reliability over "

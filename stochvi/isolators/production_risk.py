@@ -44,7 +44,7 @@ from stochvi.isolators.tolerances import (
     spreads_of,
 )
 from stochvi.mathematics.numerics import Matrix, Vector
-from stochvi.mathematics.units import LENGTH, spoken_mission
+from stochvi.mathematics.units import LENGTH, outside_of_share, spoken_mission
 from stochvi.model.model import model_of
 from stochvi.results.base import DataFrame, Result, frame_of
 from stochvi.results.deadline import Deadline
@@ -787,7 +787,7 @@ def production(
     if probability is not None:
         check_movable(scene)
         if not 0.0 < probability <= CERTAIN:
-            raise ValueError(f"probability must be in (0, {CERTAIN:g}], got {probability:g}")
+            raise outside_of_share("probability", f"in (0, {CERTAIN:g}]", probability)
     if conditions := unmet(scene):
         raise NotApplicable("production", conditions)
     spreads = spreads_of(scene) if spreads is None else spreads

@@ -15,7 +15,7 @@ import scipy
 
 from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.spectra import eigenvalues
-from stochvi.mathematics.units import power_ratio, with_checks
+from stochvi.mathematics.units import outside_of_share, power_ratio, with_checks
 from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.model.coverage import free_motion
 from stochvi.model.model import Model, model_of
@@ -61,10 +61,7 @@ class Tolerances:
     def __post_init__(self) -> None:
         for name in ("frequency", "damping", "stiffness"):
             if not 0.0 <= getattr(self, name) < 1.0:
-                raise ValueError(
-                    f"the tolerance of {name} must be in [0, 1) (0 to 100 %), "
-                    f"got {getattr(self, name):g}"
-                )
+                raise outside_of_share(f"the tolerance of {name}", "in [0, 1)", getattr(self, name))
         if not 0.0 <= self.centre < math.inf:
             raise ValueError(
                 f"the tolerance of centre must be a length from 0 on (m), got {self.centre:g}"

@@ -63,10 +63,47 @@ def _wrong(name: str, wanted: str, value: object) -> ValueError:
     return ValueError(f"{name} must be {wanted}, got {shown(value)}")
 
 
+def number_to_write(value: object) -> str:
+    """The remedy for a text such as "6mm" or "1 %" in the place of a number: which one to write.
+
+    >>> number_to_write("6,5 mm"), number_to_write("1%")
+    ('; write 0.0065 (m), without quotes', '; write 0.01, without quotes')
+    """
+    if not isinstance(value, str):
+        return ""
+    found = re.fullmatch(r"\s*([-+]?\d[\d.,]*)\s*(\D.*?)?\s*", value)
+    if found is None:
+        return ""
+    try:
+        plain = {None: Unit("", 1.0, ""), "%": Unit("", 0.01, "")}
+        known = plain.get(found[2]) or unit(found[2])
+        size = float(found[1].replace(",", ".")) * known.factor
+    except ValueError:
+        return "; write a plain number, without quotes and unit"
+    if known.quantity not in OF_SI:
+        return "; write a plain number in the unit of the key, without quotes"
+    return f"; write {size:.12g}{OF_SI[known.quantity]}, without quotes"
+
+
+OF_SI = {"": "", "length": " (m)", "time": " (s)"}
+"""Quantities that arguments and keys have in SI units, with the unit."""
+
+
+def outside_of_share(name: str, span: str, value: float) -> ValueError:
+    """The error for a probability or another share out of its range; one in per cent is told as the
+    number to write.
+
+    >>> outside_of_share("confidence", "in (0, 1)", 95.0)
+    ValueError('confidence must be in (0, 1), got 95; 95 % is 0.95')
+    """
+    percent = f"; {value:.12g} % is {value / 100.0:.12g}" if 1.0 <= value < 100.0 else ""
+    return ValueError(f"{name} must be {span}, got {value:g}{percent}")
+
+
 def _check_number(name: str, value: object) -> None:
     known = isinstance(value, numbers.Real)
     if not known or (isinstance(value, int) and abs(value) >= LARGEST_NUMBER):
-        raise _wrong(name, "a number", value)
+        raise ValueError(f"{_wrong(name, 'a number', value)}{number_to_write(value)}")
 
 
 def _check_whole(name: str, value: object) -> None:
@@ -273,7 +310,7 @@ def explain_methods(kind: type[T]) -> type[T]:
     ...         return 2.0 * number
     >>> Scale().twice("1")
     Traceback (most recent call last):
-    ValueError: number must be a number, got '1'
+    ValueError: number must be a number, got '1'; write 1, without quotes
     """
     for name, each in list(vars(kind).items()):
         if not name.startswith(("_", "model_")) and inspect.isfunction(each):

@@ -27,6 +27,7 @@ from stochvi.mathematics.units import (
     USUAL,
     ShownQuantity,
     check_methods,
+    readable,
     shown_as,
     shown_in,
     units_are_chosen,
@@ -305,21 +306,39 @@ def in_chosen_units(table: DataFrame, units: Mapping[str, str] = {}) -> DataFram
         return found
     names = {}
     for column in map(str, table):
-        name, known, ending = _quantity_of(column, units)
+        name, unit, ending = _quantity_of(column, units)
+        known = None if unit is None else shown_as(unit)
         if known is not None and known.chosen is not None:
             found[column] = known(found[column])
             names[column] = f"{name}_{_suffix(str(known))}{ending}"
     return found.rename(columns=names)
 
 
-def _quantity_of(column: str, units: Mapping[str, str]) -> tuple[str, ShownQuantity | None, str]:
-    """The name of a column without its unit, its quantity where that is known, and its ending."""
+def in_readable_units(table: DataFrame) -> DataFrame:
+    """A table of SI numbers in the units of a console, which stand behind the names of its columns:
+    lengths in mm and accelerations in g unless others are chosen.
+
+    >>> in_readable_units(frame_of({"clearance": [0.004], "hit_rate_low": [2.0], "pair": ["lid"]}))
+       clearance (mm)  hit_rate_low (1/s) pair
+    0             4.0                 2.0  lid
+    """
+    found, names = table.copy(), {}
+    for column in map(str, table):
+        name, unit, ending = _quantity_of(column, {})
+        if unit not in (None, "1"):
+            known = readable(unit)
+            found[column] = known(found[column].astype(float))
+            names[column] = known.heading(f"{name}{ending}")
+    return found.rename(columns=names)
+
+
+def _quantity_of(column: str, units: Mapping[str, str]) -> tuple[str, str | None, str]:
+    """The name of a column without its unit, its SI unit where that is known, and its ending."""
     name, ending = _parts(column)
     if any(part in ROTATIONS for part in name.split(".")[:-1]):
         return name, None, ending
     name, stated = stated_unit(column)
-    unit = stated or units.get(name) or _unit_of_name(name)
-    return name, None if unit is None else shown_as(unit), ending
+    return name, stated or units.get(name) or _unit_of_name(name), ending
 
 
 def _suffix(unit: str) -> str:

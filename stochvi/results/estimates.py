@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import betaincinv, gammaincinv, ndtri, stdtr, stdtrit
 
 from stochvi.mathematics.numerics import Array
-from stochvi.mathematics.units import NUMBER, ShownQuantity, explain_methods
+from stochvi.mathematics.units import NUMBER, ShownQuantity, explain_methods, outside_of_share
 
 # ------------------------------------------------------------------------------
 # Confidence intervals and the propagation of statistical errors, in one place.
@@ -611,7 +611,7 @@ class Estimate(WithValue):
             If the bias is not known; for an event that was never seen, unless confidence is 0.95.
         """
         if not 0.0 < confidence < 1.0:
-            raise ValueError(f"confidence must be in (0, 1), got {confidence:g}; 95 % is 0.95")
+            raise outside_of_share("confidence", "in (0, 1)", confidence)
         if self.upper_95 is not None:
             if confidence != CONFIDENCE:
                 raise ValueError(

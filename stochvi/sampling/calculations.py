@@ -19,7 +19,14 @@ from typing import Any, Generic, ParamSpec, TypeAlias, TypedDict, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.mathematics.units import CHECKS, USUAL, argument_checker, shown, shown_in
+from stochvi.mathematics.units import (
+    CHECKS,
+    USUAL,
+    argument_checker,
+    outside_of_share,
+    shown,
+    shown_in,
+)
 from stochvi.results.base import Result
 from stochvi.results.deadline import (
     NEVER,
@@ -559,7 +566,7 @@ def check_options(given: Mapping[str, Any]) -> None:
     if rel_error is not None and paths is not None:
         raise ValueError("give rel_error or paths, not both")
     if rel_error is not None and not 1e-6 <= rel_error < 1.0:
-        raise ValueError(f"rel_error must be in [1e-6, 1), got {rel_error}")
+        raise outside_of_share("rel_error", "in [1e-6, 1)", rel_error)
     if paths is not None and paths < 2:
         raise ValueError(f"paths must be at least 2 for a standard error, got {paths}")
     if threads is not None and threads < 1:

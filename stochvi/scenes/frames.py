@@ -8,7 +8,9 @@ what they offer, so that no package is imported.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+import math
+import numbers
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 from weakref import WeakValueDictionary
@@ -120,11 +122,43 @@ class Frame:
                 remedy = f"give fs, the sampling rate in Hz, or {remedy.removeprefix('give ')}"
             raise SceneError(f"must hold {' and '.join(needed)}, got one column; {remedy}")
         first = ";".join(f"{value!r}" for value in columns[0].tolist())
-        return TextTable(
-            path=Path(ARRAY), lines=PlainRows((1, first), len(columns)), above=[], remarks=[],
-            delimiter=";", decimal_comma=False, numeric=range(columns.shape[1]), values=columns,
-            headings=[Heading(cells=(name,) if name else (), unit=unit_in(name)) for name in names],
-        )  # fmt: skip
+        return _table(names, PlainRows((1, first), len(columns)), ";", columns)
+
+
+def table_with_words(values: Any) -> TextTable:
+    """The table of a frame that holds words beside numbers. An index without a name is a column
+    called name.
+
+    >>> table_with_words({"name": ["lid", "seat"], "upper (mm)": [2.0, float("nan")]}).lines
+    [(1, 'lid\\t2.0'), (2, 'seat\\t')]
+    """
+    named, index = _columns(values)
+    parts: list[Column] = [] if index is None else [(index[0] or "name", index[1])]
+    columns = {_heading(name, part): _cells(part) for name, part in [*parts, *named]}
+    if len({len(cells) for cells in columns.values()}) != 1:
+        raise SceneError("must hold columns of one length")
+    rows = ("\t".join(cells) for cells in zip(*columns.values(), strict=True))
+    return _table(columns, [*enumerate(rows, start=1)], "\t")
+
+
+def _table(names: Iterable[str], lines: Any, delimiter: str, values: Any = None) -> TextTable:
+    headings = [Heading(cells=(name,) if name else (), unit=unit_in(name)) for name in names]
+    return TextTable(
+        path=Path(ARRAY), lines=lines, above=[], remarks=[], delimiter=delimiter,
+        decimal_comma=False, numeric=range(len(headings)), values=values, headings=headings,
+    )  # fmt: skip
+
+
+def _cells(part: Any) -> list[str]:
+    """A column as a file has it."""
+    return [_cell(value) for value in (part.values if hasattr(part, "values") else part)]
+
+
+def _cell(value: Any) -> str:
+    """A number or a text; nothing for what is missing."""
+    if isinstance(value, numbers.Real):
+        return repr(float(value)) if math.isfinite(value) else ""
+    return " ".join(str(value).split()) if isinstance(value, str) else ""
 
 
 ARRAY = "array"

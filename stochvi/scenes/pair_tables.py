@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from stochvi.mathematics.units import shown
 from stochvi.results.errors import SceneError
+from stochvi.scenes.frames import ARRAY, table_with_words
 from stochvi.scenes.readers import table_of
 from stochvi.scenes.text_tables import Heading, TextTable, split_cells
 
@@ -22,13 +25,21 @@ TWO_NAMES = re.compile(r"(\S+)(?:\s*[;,|/]\s*|\s+)(\S+)")
 """Pattern of the names of two points in a cell."""
 
 
-def read_pairs(file: str) -> list[dict[str, Any]]:
-    """The keys of an impact pair for each row of a table.
+def read_pairs(source: Any) -> list[dict[str, Any]]:
+    """The keys of an impact pair for each row of a table: of the file of that name, or of a frame
+    or a dictionary of columns.
 
     Raises `SceneError` with the line, or the column, that is not understood.
     """
-    path = Path(file)
-    table = table_of(path, ("upper",), LARGEST)
+    if isinstance(source, str):
+        path = Path(source)
+        table = table_of(path, ("upper",), LARGEST)
+    elif isinstance(source, Mapping) or hasattr(source, "columns") or hasattr(source, "data_vars"):
+        path = Path(ARRAY)
+        table = table_with_words(source)
+    else:
+        sentence = "must be the name of a table, a frame, or { file = ..., law = ... }"
+        raise SceneError("pairs", f"{sentence}, got {shown(source)}")
     places = {_name_of(table, heading): n for n, heading in enumerate(table.headings)}
     if len(places) < len(table.headings) or not {"lower", "upper"} & places.keys():
         raise SceneError(f"{path} needs lower or upper, and each column once, {_got(table)}")
@@ -51,7 +62,7 @@ def read_pairs(file: str) -> list[dict[str, Any]]:
                     f"{keys['between'][:40]!r}"
                 )
             keys["between"] = two.groups()
-        found.append({"name": f"{path.stem} line {line}"} | keys)
+        found.append({"name": f"{path.stem} {'line' if path.suffix else 'row'} {line}"} | keys)
     return found
 
 

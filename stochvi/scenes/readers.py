@@ -561,22 +561,35 @@ def _read_channels(
         raise SceneError(
             f"{path} holds no channel of {'acceleration' * (kind == 'IDE') or 'numbers'}"
         )
-    if {(each.x is None, len(each.y)) for each in channels} == {(True, len(channels[0].y))}:
+    listed = [f"{n} {each.name} of {each.facts['of']}" for n, each in enumerate(channels, start=1)]
+    chosen = [
+        place
+        for place, (each, entry) in enumerate(zip(channels, listed, strict=True))
+        if column in (None, place + 1, each.name, entry, entry.partition(" ")[2])
+    ]
+    table = {(each.x is None, len(each.y)) for each in channels} == {(True, len(channels[0].y))}
+    if len(chosen) != 1 and not (table and (column is None or not chosen)):
+        raise SceneError(
+            "column", f"must be one channel of {path}, by number or name: {_listed(listed)}"
+        )
+    if table:
         headings = [
             f"{each.name} ({each.facts['unit']})" * bool(each.facts["unit"]) or each.name
             for each in channels
         ]
         frame = Frame(np.column_stack([each.y for each in channels]), headings)
+        quantity = _abscissa(function_type)
+        if len(names) > 1 and not _may_hold(frame, quantity):
+            stated = "states no sampling rate, and " * (quantity == "time")
+            remedy = "; give fs, in Hz" * (quantity == "time")
+            raise SceneError(
+                f"{path} {stated}holds the {quantity} in none of its channels{remedy}; it holds "
+                f"{_listed(listed)}"
+            )
+        if column is not None and chosen:
+            column = chosen[0] + 1
         return _columns_of(_file_of(path, frame, names), names, column, function_type, False)
-    listed = _listed(
-        [f"{n} {each.name} of {each.facts['of']}" for n, each in enumerate(channels, start=1)]
-    )
-    chosen = [
-        each for number, each in enumerate(channels, start=1) if column in (None, number, each.name)
-    ]
-    if len(chosen) != 1:
-        raise SceneError("column", f"must be one channel of {path}, by number or name: {listed}")
-    (channel,) = chosen
+    channel = channels[chosen[0]]
     if function_type != TIME_RESPONSE or (channel.x is None and len(names) > 1):
         held = "over time" if function_type != TIME_RESPONSE else "without times; give fs for it"
         raise SceneError(f"{path} holds channel {channel.name} {held}, expected {names[0]}")
@@ -586,6 +599,12 @@ def _read_channels(
         stated_in=f"channel {channel.name} of {path}",
         unread=channel.facts["unit"] if _label(channel.facts["unit"]) is None else "",
     )  # fmt: skip
+
+
+def _may_hold(frame: Frame, quantity: str) -> bool:
+    """Whether a channel may hold times or frequencies: by its name, or the first as it rises."""
+    named = any(each.is_of(quantity) for each in frame.table(()).headings)
+    return named or not np.any(np.diff(frame.columns[:, 0]) <= 0.0)
 
 
 # MATLAB and NumPy -------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Self, assert_never, get_args
 import numpy as np
 import scipy
 from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic.json_schema import SkipJsonSchema
 
 from stochvi.mathematics.numerics import Array, Matrix
 from stochvi.mathematics.spectra import Table
@@ -344,7 +345,8 @@ class Scene(Checked):
         Where it can hit; none for a structure without stops. `impact_pair` in a file.
     pairs
         A table of further pairs: the name of its file, or that with the keys that all of them
-        share, { file = "gaps.csv", law = ... }. Rigid stops of restitution 0.5 by default.
+        share, { file = "gaps.csv", law = ... }. In Python a frame, or a dictionary with `values`
+        and these keys. Rigid stops of restitution 0.5 by default.
     excitations
         What shakes it; several add up. At least one, unless each phase has its own. `excitation`
         in a file.
@@ -384,7 +386,7 @@ class Scene(Checked):
     title: str = ""
     structure: Annotated[Structure, OneOf(get_args(Structure), "structures", (AnyStructure,))]
     impact_pairs: tuple[ImpactPair, ...] = Field(default=(), alias="impact_pair")
-    pairs: str | dict[str, Any] | None = Field(default=None, exclude=True)
+    pairs: str | dict[str, Any] | SkipJsonSchema[Any] | None = Field(default=None, exclude=True)
     excitations: Excitations = Field(alias="excitation")
     cross_densities: tuple[CrossDensity, ...] = Field(default=(), alias="cross_density")
     absorber: Absorber | tuple[Absorber, ...] | None = None
@@ -420,16 +422,11 @@ class Scene(Checked):
         """Pairs of a table stand behind those that are written out."""
         if not isinstance(keys, dict) or keys.get("pairs") is None:
             return keys
-        shared = {"file": keys["pairs"]} if isinstance(keys["pairs"], str) else keys["pairs"]
-        if not isinstance(shared, dict) or not isinstance(shared.get("file"), str):
-            sentence = (
-                "must be the name of a table, or { file = ..., law = ... }, got "
-                f"{keys['pairs']!r}"
-            )
-            raise SceneError("pairs", sentence)
+        shared = keys["pairs"] if isinstance(keys["pairs"], dict) else {"values": keys["pairs"]}
+        source = shared.get("file", shared.get("values"))
         own = keys.get("impact_pair", keys.get("impact_pairs", ()))
-        same = {name: each for name, each in shared.items() if name != "file"}
-        rows = [{"law": LAW_OF_TABLE} | same | row for row in read_pairs(shared["file"])]
+        same = {name: each for name, each in shared.items() if name not in ("file", "values")}
+        rows = [{"law": LAW_OF_TABLE} | same | row for row in read_pairs(source)]
         others = {
             name: each for name, each in keys.items() if name not in ("pairs", "impact_pairs")
         }

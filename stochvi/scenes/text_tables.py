@@ -713,6 +713,8 @@ class TextTable:
         found = [place for place, each in enumerate(self.headings) if each.called(column)]
         if not found:
             found = [place for place, each in enumerate(self.headings) if each.mentions(column)]
+        if not found:
+            found = [place for place, entry in enumerate(self._listed) if entry == column]
         if len(found) != 1:
             which = "several columns with" if found else "no column with"
             raise SceneError(
@@ -736,11 +738,14 @@ class TextTable:
             f"it {self._holds()}",
         )
 
+    @property
+    def _listed(self) -> list[str]:
+        """The first columns, as messages list them."""
+        first = enumerate(self.headings[:COLUMNS_LISTED], start=1)
+        return [f"{number} {each.name[:40]}".strip() for number, each in first]
+
     def _holds(self) -> str:
-        listed = [
-            f"{n} {each.name[:40]}".strip()
-            for n, each in enumerate(self.headings[:COLUMNS_LISTED], start=1)
-        ]
+        listed = self._listed
         more = len(self.headings) - len(listed)
         return f"holds the columns {', '.join(listed)}" + (f" and {more} more" if more else "")
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 import contextlib
 import difflib
 import inspect
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import NoneType, UnionType
 from typing import (
@@ -44,7 +43,12 @@ from pydantic_core import CoreSchema, PydanticKnownError
 from pydantic_core.core_schema import tagged_union_schema, with_info_plain_validator_function
 
 from stochvi.mathematics.numerics import Vector, gauss_legendre
-from stochvi.mathematics.units import Unit, explain_methods, measured, plain_number, unit
+from stochvi.mathematics.units import (
+    explain_methods,
+    measured,
+    number_to_write,
+    plain_number,
+)
 from stochvi.results.errors import SceneError, beyond_arithmetic
 from stochvi.scenes.outside import Parts
 
@@ -538,7 +542,7 @@ def _sentence(detail: Any) -> str:
         case "less_than_equal":
             return f"must be at most {limits['le']:g}, got {got}"
         case "float_type" | "finite_number":
-            return f"must be a finite number, got {got}{_as_number(detail.get('input'))}"
+            return f"must be a finite number, got {got}{number_to_write(detail.get('input'))}"
         case "int_type":
             return f"must be a whole number, got {got}"
         case "bool_type":
@@ -565,23 +569,6 @@ def _sentence(detail: Any) -> str:
             return str(limits["error"])
         case _:
             return f"is not valid ({detail['msg']}), got {got}"
-
-
-def _as_number(value: Any) -> str:
-    """The remedy for a text such as "6mm" in place of a number: which number to write."""
-    found = (
-        re.fullmatch(r"\s*([-+]?\d[\d.,]*)\s*(\D.*)?", value) if isinstance(value, str) else None
-    )
-    if found is None:
-        return ""
-    try:
-        known = unit(found[2]) if found[2] else Unit("", 1.0, "length")
-        size = float(found[1].replace(",", ".")) * known.factor
-    except ValueError:
-        return "; write a plain number, without quotes and unit"
-    if known.quantity != "length":
-        return "; write a plain number in the unit of the key, without quotes"
-    return f"; write {size:.12g}{' (m)' if found[2] else ''}, without quotes"
 
 
 def given(part: BaseModel, *names: str) -> str:

@@ -19,7 +19,7 @@ from stochvi.mathematics.units import (
     ShownQuantity,
     shown_as,
 )
-from stochvi.results.base import ROTATIONS, DataFrame, named_with_units, plain, unit_of
+from stochvi.results.base import ROTATIONS, DataFrame, plain, unit_of
 from stochvi.results.errors import StochviError
 from stochvi.results.estimates import plus_minus
 from stochvi.results.files import origin_of
@@ -510,7 +510,7 @@ VIEWS = {
     "Reliability": View(
         "statistics", "reliability", "reliability", None, plot="plot_chances",
         page="report.missions:reliability_page", numbers="reliability",
-        tables=lambda found: {"gaps": named_with_units(found.gap_table())} if found.gaps else {},
+        tables=lambda found: {"gaps": found.gap_table()} if found.gaps else {},
         pictures=lambda found: (
             {"gaps": lambda: function_of("statistics", "plot_gaps")(found)} if found.gaps else {}
         ),

@@ -22,6 +22,7 @@ import pytest
 
 from stochvi.cli import main, program
 from stochvi.cli.options import Common, _each_once
+from stochvi.isolators import screen
 from stochvi.methods.closed_form import exact
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotConverged
@@ -498,6 +499,10 @@ def test_new_writes_a_scene_of_the_numbers_of_a_user(stochvi: Run, tmp_path: Pat
     if kind == "box":
         assert np.diag(mass)[3:] == pytest.approx([0.3791667, 0.5833333, 0.7291667], rel=1e-3)
         assert scene.structure.mounts[0].at == (-0.2, -0.15, -0.1)
+        for pair in screen(scene).impact_pairs.values():
+            assert pair.stops["upper"] == pytest.approx(pair.three_sigma, rel=0.05)
+    code, out, _ = stochvi("explain", file, "--budget", "1")
+    assert code == 0 and "rms motions" not in out
 
 
 def test_new_says_which_numbers_it_took_and_refuses_others(stochvi: Run, tmp_path: Path):

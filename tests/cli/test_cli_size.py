@@ -183,8 +183,8 @@ def test_the_picture_holds_rice_three_sigma_and_the_answer(by_python: Sizing) ->
 test_bad_input_is_a_sentence = refusals(
     lambda stochvi, arguments: stochvi("size", ISOLATOR, *arguments),
     ((), "give exactly one of --probability, --rate, --impact-speed, --impact-energy, --"),
-    (("--probability", "200,0%"), "probability must be in (0, 0.999], got 2; 1 % is 0.01"),
-    (("--probability", "2"), "probability must be in (0, 0.999], got 2; 1 % is 0.01"),
+    (("--probability", "200,0%"), "probability must be in (0, 0.999], got 2; 2 % is 0.02"),
+    (("--probability", "2"), "probability must be in (0, 0.999], got 2; 2 % is 0.02"),
     (
         ("--probability", "0,1,2%"),
         "--probability must be a probability such as 0.01 or 1%, got '0,1,2%'",

@@ -196,7 +196,9 @@ def test_the_document_holds_plain_numbers(hourly: Sizing) -> None:
         "name": "probability", "value": 0.01, "unit": "1", "exceedance": None,
     }  # fmt: skip
     assert repr(hourly) == f"Sizing: {hourly.verdict()}" and "(1 % at " in repr(hourly)
-    assert "1 %" in hourly._repr_html_()
+    table = hourly._repr_html_()
+    assert "1 %" in table and "clearance (mm)" in table
+    assert f"{1e3 * hourly.required['clearance'].iloc[0]:.6f}" in table
     assert hourly.to_frame() is hourly.curve
 
 

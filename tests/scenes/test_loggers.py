@@ -133,7 +133,8 @@ def test_channels_are_listed_and_numbered(tmp_path: Path) -> None:
     write_tdms(path)
     with pytest.raises(SceneError, match=r"one channel .*: 1 Z of road; 2 X of road"):
         read_record(path)
-    assert read_record(path, column=2)[0] == read_record(path, column="X")[0]
+    for listed in ("X", "2 X of road", "X of road"):
+        assert read_record(path, column=2)[0] == read_record(path, column=listed)[0]
     with pytest.raises(SceneError, match="holds channel Z over time, expected frequency_hz"):
         TabulatedNoise(file=str(path), column="Z", unit="g2/Hz")
     write_tdms(path, unit="mV")
@@ -145,17 +146,26 @@ def test_channels_without_times_are_a_table(tmp_path: Path) -> None:
     nptdms = pytest.importorskip("nptdms")
     path = tmp_path / "run.tdms"
     write_tdms(path, step=0.0)
-    with pytest.raises(SceneError, match="for values without times give fs and column"):
-        read_record(path, column="X")
+    for column in (None, "X", 1):
+        with pytest.raises(SceneError, match=r"states no sampling rate, .*; give fs, in Hz; .*1 Z"):
+            read_record(path, column=column)
+    with pytest.raises(SceneError, match="holds the frequency in none of its channels; it holds"):
+        TabulatedNoise(file=str(path), unit="g2/Hz")
     record, columns = read_record(path, column="X", fs=FS)
     assert record.values + record.mean == pytest.approx(X, abs=1e-12)
     assert columns.unit is not None and columns.unit.name == "g"
+    assert read_record(path, column="X (g)", fs=FS)[0] == record
     with nptdms.TdmsWriter(str(path)) as file:
         file.write_segment([
             nptdms.ChannelObject("road", name, values, properties={"unit_string": unit})
             for name, values, unit in (("Time", 1e3 * TIME, "ms"), ("Z", Z, "g"))
         ])  # fmt: skip
     assert read_record(path)[0].fs == pytest.approx(FS)
+    with nptdms.TdmsWriter(str(path)) as file:
+        file.write_segment([nptdms.ChannelObject(of, "Z", Z) for of in ("front", "rear")])
+    with pytest.raises(SceneError, match=r"one channel .*: 1 Z of front; 2 Z of rear"):
+        read_record(path, column="Z", fs=FS)
+    assert read_record(path, column="Z of rear", fs=FS)[0].fs == FS
 
 
 @pytest.mark.parametrize("kind", ["u1", "i2", "i4", "f4"])

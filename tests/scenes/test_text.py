@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from stochvi import (
@@ -858,6 +859,28 @@ def test_units_and_signs_are_read_as_in_any_table(tmp_path: Path, heading: str, 
     (found,) = read_pairs(str(tmp_path / "gaps.csv"))
     assert (found["name"], found["on"]) == ("latch", "tip")
     assert (found["upper"], found["tolerance"]) == pytest.approx((1.5e-3, 1e-4), rel=1e-9)
+
+
+def test_a_frame_is_the_table_that_its_file_would_be(tmp_path: Path) -> None:
+    wanted = load_scene(written(tmp_path, TABLE))
+    frame = pd.read_csv(tmp_path / "gaps.csv", comment="#")
+    keys = {"structure": wanted.structure, "excitations": wanted.excitations}
+    columns = {str(name): frame[name].tolist() for name in frame}
+    by_name = frame.fillna({"name": "third"}).set_index("name")
+    for table in (frame, columns, frame.convert_dtypes(), by_name, by_name.to_xarray()):
+        given = {"values": table} if table is columns else table
+        found = Scene(**keys, pairs=given).impact_pairs
+        for one, two in zip(found, wanted.impact_pairs, strict=True):
+            assert one == two.replace(name=one.name)
+        names = [pair.name for pair in found]
+        assert names == ["latch", "rail", "third" if "third" in names else "array row 3"]
+    law = Restitution(coefficient=0.8)
+    shared = Scene(**keys, pairs={"values": frame, "law": law}).impact_pairs
+    assert {pair.law for pair in shared} == {law}
+    with pytest.raises(SceneError, match=r"array needs the unit of a length in the heading"):
+        Scene(**keys, pairs=frame.rename(columns=lambda name: name.split(" ")[0]))
+    with pytest.raises(SceneError, match=r"of a table, a frame, or .*, got 3"):
+        Scene(**keys, pairs=3)
 
 
 test_a_table_that_is_not_understood_is_refused = refusals(

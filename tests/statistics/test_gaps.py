@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from stochvi import (
@@ -396,6 +397,8 @@ def test_files_and_the_console_of_many_gaps(stochvi: Run, tmp_path: Path) -> Non
     assert told.code == 0
     listed = [line.split("  ")[0] for line in told.out.splitlines() if line.startswith("gap ")]
     rows = list(csv.DictReader((out / "gaps.csv").read_text().splitlines()))
+    table = reliability(scene, mission=20.0).gap_table()
+    assert table.to_csv(index=False) == pd.read_csv(out / "gaps.csv").to_csv(index=False)
     assert [row["gap"] for row in rows[:FIRST]] == listed[-FIRST:]
     assert len(rows) == MANY + 4
     assert {"clearance_m", "displacement_std_m", "at_least", "at_most"} <= {*rows[0]}

@@ -253,7 +253,8 @@ test_arguments_out_of_range_are_named = refusals(
     (BOX, {"way": "luck"}, "way must be 'crude', 'splitting'"),
     (BOX, {"way": "first crossings", "start": "rest"}, "needs start = 'stationary'"),
     (BOX, {"rel_error": 0.0}, "rel_error must be in"),
-    (BOX, {"confidence": 1.0}, "confidence must be between 0 and 1"),
+    (BOX, {"confidence": 95}, "confidence must be between 0 and 1, got 95; 95 % is 0.95"),
+    (BOX, {"confidence": "95 %"}, "confidence must be a number, got '95 %'; write 0.95, without"),
     error=ValueError,
     pattern=True,
 )

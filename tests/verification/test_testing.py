@@ -3,6 +3,7 @@
 import importlib
 import json
 import math
+import re
 import shutil
 import subprocess
 import sys
@@ -224,6 +225,54 @@ def test_a_mass_put_back_at_the_end_of_the_step_fails_and_is_named() -> None:
 
 def test_a_bias_that_is_allowed_is_no_failure() -> None:
     assert judge(put_back, ["linear"], paths=128, relaxations=5.0, allowed_percent=5.0).passed
+
+
+def drawn(factor: float) -> Callable[[Problem, int], dict[str, np.ndarray]]:
+    """Averages of independent paths without stops, whose noise is too strong by a factor."""
+
+    def integrator(problem: Problem, seed: int) -> dict[str, np.ndarray]:
+        size = factor * problem.speed_scale**2
+        squares = np.random.default_rng(seed).gamma(8.0, size / 8.0, (2, problem.paths))
+        return {
+            "displacement_mean": np.zeros(problem.paths),
+            "displacement_mean_square": squares[0] / problem.omega**2,
+            "velocity_mean_square": squares[1],
+        }
+
+    return integrator
+
+
+def test_an_error_that_must_be_found_is_found_or_more_paths_are_asked_for() -> None:
+    few = judge(drawn(1.03), ["linear"], paths=300)
+    assert few.passed and few.finds_percent is None
+    few = judge(drawn(1.03), ["linear"], paths=300, finds_percent=1.5)
+    assert not few.passed and not few.failures
+    said = re.search(
+        r"std of linear would miss an error of 1.5 %; raise paths .* by a factor of (\S+)$",
+        few.summary(),
+    )
+    assert said is not None
+    paths = math.ceil(310 * float(said[1]))
+    found = [
+        [judge(drawn(factor), ["linear"], paths=paths, seed=seed, finds_percent=1.5)
+         for seed in range(40)] for factor in (1.0, 1.03)
+    ]  # fmt: skip
+    assert all(each.passed for each in found[0])
+    # the mean square is off by 3 %, the deviation by 1.489 %
+    assert binom.cdf(sum(bool(each.failures) for each in found[1]), 40, 0.95) > 1e-3
+    with pytest.raises(ValueError, match="finds_percent must be above allowed_percent"):
+        judge(drawn(1.0), ["linear"], allowed_percent=2.0, finds_percent=1.0)
+
+
+def test_noise_that_is_a_little_too_strong_is_named_beside_explicit_euler() -> None:
+    strong, weak = (judge(drawn(factor), ["linear"], paths=20000) for factor in (1.1, 0.9))
+    assert any(
+        re.search("noise too strong or damping too weak by that factor; or explicit Euler", each)
+        for each in strong.hints
+    )
+    assert any(
+        each.endswith("noise too weak or damping too strong by that factor") for each in weak.hints
+    )
 
 
 # The three forms of an answer -----------------------------------------------------------------
@@ -970,6 +1019,9 @@ def test_file(stochvi_judge, tmp_path):
     RIGHT.to_csv(tmp_path / "mine.csv", index=False)
     stochvi_judge("linear", tmp_path / "mine.csv")
 
+def test_blunt(stochvi_judge):
+    stochvi_judge("linear", RIGHT, finds_percent=1.0)
+
 def test_wrong(stochvi_judge):
     stochvi_judge("linear", RIGHT.assign(value=2.0 ** -0.5))
 
@@ -984,8 +1036,10 @@ def test_the_fixture_judges_a_suite_of_ones_own(
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
     pytester.makepyfile(SUITE)
     found = pytester.runpytest_inprocess("-p", "stochvi.verification.testing.plugin")
-    found.assert_outcomes(passed=3, failed=2)
-    found.stdout.fnmatch_lines(["*looks like: *half the noise*", "*got float*"])
+    found.assert_outcomes(passed=3, failed=3)
+    found.stdout.fnmatch_lines(
+        ["*would miss an error of 1 %*", "*looks like: *half the noise*", "*got float*"]
+    )
 
 
 def test_pytest_finds_the_plugin_and_loads_nothing_heavy_for_it() -> None:

@@ -19,7 +19,16 @@ from stochvi.mathematics.units import LENGTH, RATE, readable, spoken_mission
 from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.model.coverage import NaturalMode, free_motion, natural_modes
 from stochvi.model.model import Model, model_of
-from stochvi.results.base import DataFrame, Named, Response, Result, frame_of, kept_table, rows_of
+from stochvi.results.base import (
+    DataFrame,
+    Named,
+    Response,
+    Result,
+    frame_of,
+    in_readable_units,
+    kept_table,
+    rows_of,
+)
 from stochvi.results.estimates import (
     GAUSSIAN_95,
     Estimate,
@@ -1079,9 +1088,8 @@ class Sizing(ClearanceAnswer):
         return self.phases if self.scene.phases else self.curve
 
     def _shown(self) -> DataFrame:
-        if self.scene.phases:
-            return self.phases
-        return self.pairs if self.several else self.required
+        own = self.pairs if self.several else self.required
+        return in_readable_units(self.phases if self.scene.phases else own)
 
     def _document(self) -> dict[str, Any]:
         found = super()._document()

@@ -16,6 +16,7 @@ import numpy as np
 from stochvi.isolators.screening import at_clearances
 from stochvi.isolators.sizing.answer import Clearance, Target
 from stochvi.mathematics.numerics import Matrix, Vector
+from stochvi.mathematics.units import outside_of_share
 from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.model.model import model_of
 from stochvi.motion.choose_plan import shaken_by_tables
@@ -235,11 +236,11 @@ def target_of(
     value, unit = known[name]
     assert value is not None
     if not 0.0 < value <= (CERTAIN if name == "probability" else LARGEST_NUMBER):
-        span = f"in (0, {CERTAIN:g}]" if name == "probability" else "positive"
-        percent = "; 1 % is 0.01" if name == "probability" and value >= 1.0 else ""
-        raise ValueError(f"{name} must be {span}, got {value:g}{percent}")
+        if name == "probability":
+            raise outside_of_share(name, f"in (0, {CERTAIN:g}]", value)
+        raise ValueError(f"{name} must be positive, got {value:g}")
     if not 0.0 < exceedance < 1.0:
-        raise ValueError(f"exceedance must be in (0, 1), got {exceedance:g}")
+        raise outside_of_share("exceedance", "in (0, 1)", exceedance)
     limited = name in HARDNESS
     if not limited and exceedance != ACCEPTED:
         raise ValueError(f"exceedance belongs to a limit of the hardest impact, not to a {name}")

@@ -17,7 +17,7 @@ from scipy.special import ndtri
 
 from stochvi.mathematics.numerics import Matrix, Vector, gauss_panels
 from stochvi.mathematics.spectra import InputMatrix, Table, transition
-from stochvi.mathematics.units import shown, with_checks
+from stochvi.mathematics.units import outside_of_share, shown, with_checks
 from stochvi.methods.periodic.continuation import even_regimes, widest
 from stochvi.methods.periodic.family import (
     Numbers,
@@ -419,7 +419,7 @@ class StructureResonance:
 def quantile(probability: float) -> float:
     """Quantile z of the normal distribution of a probability above a half."""
     if not 0.5 < probability < 1.0:
-        raise ValueError(f"probability must be above 0.5 and below 1, got {probability:g}")
+        raise outside_of_share("probability", "above 0.5 and below 1", probability)
     return float(ndtri(probability))
 
 

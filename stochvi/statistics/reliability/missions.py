@@ -23,6 +23,7 @@ from stochvi.results.base import (
     frame_by,
     frame_of,
     in_three_columns,
+    named_with_units,
     stated,
 )
 from stochvi.results.errors import NotApplicable
@@ -228,7 +229,8 @@ class Reliability(Result):
     `NotConverged`. `pairs` holds, by name, what each of several pairs risks, and `outputs` the
     probability that each coordinate or point alone exceeds the limit of the acceleration. `phases`
     holds, by name, the answer for each phase of the mission, where the scene has phases. `gaps`
-    holds many pairs, or those of a certain contact, in the order of their probability.
+    holds many pairs, or those of a certain contact, in the order of their probability;
+    `gap_table()` is their table.
 
     See Also
     --------
@@ -283,11 +285,12 @@ class Reliability(Result):
         return table.rename(columns=found | {"estimate.value": "probability"})
 
     def gap_table(self) -> DataFrame:
-        """A row per gap, in the order of the probability of a contact: the table of many pairs."""
+        """A row per gap, in the order of the probability of a contact, as `gaps.csv` has it; empty
+        without `gaps`."""
         names = "side clearance displacement_std crossings probability at_least at_most"
         rows = frame_by(self.gaps.values(), names)
         rows.insert(0, "gap", list(self.gaps))
-        return rows
+        return named_with_units(rows)
 
     @property
     def _parts(self) -> Mapping[str, Any]:

@@ -20,6 +20,7 @@ from typing import Unpack
 
 import numpy as np
 
+from stochvi.mathematics.units import outside_of_share
 from stochvi.mathematics.unsteady_noise import MovingMean
 from stochvi.model.coverage import beyond_one_oscillator, free_motion, not_gaussian, without_noise
 from stochvi.model.model import Model, model_of
@@ -496,9 +497,9 @@ def _check(
     if way == "first crossings" and start == "rest":
         raise ValueError("way = 'first crossings' needs start = 'stationary', got 'rest'")
     if not 1e-3 <= rel_error < 1.0:
-        raise ValueError(f"rel_error must be in [1e-3, 1), got {rel_error}")
+        raise outside_of_share("rel_error", "in [1e-3, 1)", rel_error)
     if not 0.0 < confidence < 1.0:
-        raise ValueError(f"confidence must be between 0 and 1, got {confidence}")
+        raise outside_of_share("confidence", "between 0 and 1", confidence)
 
 
 def _barriers(model: Model, barrier: float | Ends | None) -> Ends:

@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,7 @@ from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Matrices, Oscillator
 from stochvi.scenes.text_tables import check_file, read_text
 from stochvi.scenes.validation import Checked, Column, Count, Matrix, NonNegative, Number, Positive
-from stochvi.verification.testing.judging import Judgement, judge_returned
+from stochvi.verification.testing.judging import Judgement, Limits, judge_returned
 from stochvi.verification.testing.problems import (
     AVERAGES,
     BATCHES,
@@ -575,6 +575,7 @@ def judge_file(
     paths: int = PATHS,
     relaxations: float = RELAXATIONS,
     allowed_percent: float = 0.0,
+    finds_percent: float | None = None,
 ) -> Judgement:
     """Judge the file that another program wrote for a problem.
 
@@ -595,6 +596,9 @@ def judge_file(
         file of a problem states its own.
     allowed_percent
         A bias that is harmless, in per cent of each quantity.
+    finds_percent
+        An error of each quantity, in per cent, that must be found; what would miss it does not
+        pass.
 
     Returns
     -------
@@ -620,7 +624,10 @@ def judge_file(
     True
     """
     known = problem_named(problem, paths=paths, relaxations=relaxations)
-    return judge_sheet(read_sheet(path), *known, format=format, allowed_percent=allowed_percent)
+    return judge_sheet(
+        read_sheet(path), *known, format=format, allowed_percent=allowed_percent,
+        finds_percent=finds_percent,
+    )  # fmt: skip
 
 
 def problem_named(
@@ -656,7 +663,7 @@ def judge_sheet(
     truth: Response,
     *,
     format: str | None = None,
-    allowed_percent: float = 0.0,
+    **limits: Unpack[Limits],
 ) -> Judgement:
     """Judge a table by the known answer of a problem."""
     form = _recognised(sheet, problem) if format is None else format
@@ -671,7 +678,7 @@ def judge_sheet(
     else:
         raise ValueError(f"format must be one of {', '.join(FORMATS)}, got {form!r}")
     try:
-        verdict = judge_returned(problem, truth, returned, allowed_percent=allowed_percent)
+        verdict = judge_returned(problem, truth, returned, **limits)
     except ValueError as error:
         text = str(error).replace("integrator returned", "holds")
         raise ValueError(f"{sheet.source}: {text}") from None
@@ -944,10 +951,10 @@ def judge_anything(
     problem: str | Path,
     found: Any,
     *,
-    allowed_percent: float = 0.0,
     paths: int = PATHS,
     relaxations: float = RELAXATIONS,
     seed: int = 0,
+    **limits: Unpack[Limits],
 ) -> Judgement:
     """Judge a function, a DataFrame, a mapping or a file by the answer of one problem.
 
@@ -961,12 +968,12 @@ def judge_anything(
     if callable(found):
         found = found(known, seed)
     if isinstance(found, str | Path):
-        return judge_sheet(read_sheet(found), known, truth, allowed_percent=allowed_percent)
+        return judge_sheet(read_sheet(found), known, truth, **limits)
     if hasattr(found, "columns") and hasattr(found, "to_numpy"):
-        return judge_sheet(sheet_of(found), known, truth, allowed_percent=allowed_percent)
+        return judge_sheet(sheet_of(found), known, truth, **limits)
     if not isinstance(found, Mapping):
         raise ValueError(
             "expected a function of (problem, seed), a DataFrame, a mapping or the name of a file, "
             f"got {type(found).__name__}"
         )
-    return judge_returned(known, truth, found, allowed_percent=allowed_percent)
+    return judge_returned(known, truth, found, **limits)

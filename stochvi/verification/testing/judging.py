@@ -6,8 +6,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass, replace
+from statistics import NormalDist
+from typing import Any, ClassVar, TypedDict, Unpack
 
 import numpy as np
 import scipy
@@ -555,10 +556,14 @@ def _flight(measured: Sequence[Measured]) -> Iterator[str]:
                 either = f"{noise}, or {damping}"
                 cause = {"noise": noise, "damping": damping}.get(which, either)
                 hint += f": {cause}"
+                break
+        else:
+            noise, damping = ("strong", "weak") if ratio > 1.0 else ("weak", "strong")
+            hint += f": noise too {noise} or damping too {damping} by that factor"
         if ratio > 1.0 and own.omega > 0.0:
             step = own.damping_rate / own.omega**2 * (1.0 - 1.0 / ratio)
             hint += (
-                f"; explicit Euler, which takes omega^2 h from the damping rate, does this at "
+                f"; or explicit Euler, which takes omega^2 h from the damping rate, at "
                 f"h = {step:.2g} s"
             )
         yield hint
@@ -712,7 +717,18 @@ NOT_FINITE = "not finite"
 """Verdict on a quantity that is NaN or infinite."""
 
 TOO_UNCERTAIN = "too uncertain to judge"
-"""Verdict on a quantity that agrees, but whose relative standard error is `RARE` or more."""
+"""Verdict on a quantity that agrees, but whose relative standard error is `RARE` or more, or which
+would miss an error that must be found."""
+
+POWER = 0.95
+"""Probability with which an error that must be found is found."""
+
+
+class Limits(TypedDict, total=False):
+    """The errors that are harmless, and those that must be found, in per cent."""
+
+    allowed_percent: float
+    finds_percent: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -743,6 +759,13 @@ class Finding:
     score: float | None
     verdict: str
 
+    @property
+    def found_percent(self) -> float:
+        """The smallest error that is found with the probability `POWER`, in per cent."""
+        if self.visible_percent is None or self.bias_error_percent is None:
+            return math.inf
+        return self.visible_percent + NormalDist().inv_cdf(POWER) * self.bias_error_percent
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Judgement(Result):
@@ -750,7 +773,7 @@ class Judgement(Result):
 
     `findings` are all comparisons, `hints` the likely causes of disagreements, and `left_out` the
     quantities that were not returned. `allowed_percent` is the bias that the user finds harmless,
-    and `read_as` says how a file was read.
+    `finds_percent` the error that must be found, and `read_as` says how a file was read.
 
     See Also
     --------
@@ -768,11 +791,13 @@ class Judgement(Result):
     z: float
     allowed_percent: float
     findings: Sequence[Finding]
+    finds_percent: float | None = None
     read_as: str = ""
 
     @property
     def passed(self) -> bool:
-        """Whether something was compared, and nothing disagrees."""
+        """Whether something was compared, nothing disagrees, and no error that must be found would
+        be missed."""
         verdicts = {row.verdict for row in self.findings}
         return AGREES in verdicts and verdicts <= {AGREES, TOO_RARE}
 
@@ -796,10 +821,15 @@ class Judgement(Result):
         compared = [row for row in self.findings if row.verdict not in (TOO_RARE, TOO_UNCERTAIN)]
         if not self.failures and (wide := self.uncertain):
             worst = max(wide, key=lambda row: row.bias_error_percent or 0.0)
+            known, more = f"is known to {worst.bias_error_percent:.2g} %", ""
+            if self.finds_percent is not None:
+                known = f"would miss an error of {self.finds_percent:g} %"
+                lacks = worst.found_percent - self.allowed_percent
+                longer = (lacks / (self.finds_percent - self.allowed_percent)) ** 2
+                more = f" by a factor of {longer:.2g}"
             return (
                 f"{len(wide)} of {len(self.findings)} quantities are too uncertain to judge: "
-                f"{worst.quantity} of {worst.scene} is known to {worst.bias_error_percent:.2g} %; "
-                "raise paths or relaxations"
+                f"{worst.quantity} of {worst.scene} {known}; raise paths or relaxations{more}"
             )
         if not compared:
             return "nothing could be compared"
@@ -860,6 +890,7 @@ def judge(
     seed: int = 0,
     rng: Random = None,
     allowed_percent: float = 0.0,
+    finds_percent: float | None = None,
 ) -> Judgement:
     """Compare an integrator with the exact answers, quantity by quantity.
 
@@ -895,6 +926,10 @@ def judge(
         Generator of numpy.
     allowed_percent
         A bias that you find harmless, in per cent of each quantity.
+    finds_percent
+        An error of each quantity, in per cent, that must be found with a probability of 95 %: what
+        would miss it does not pass, and the verdict says how many more paths it takes. Noise that
+        is 2 % too strong moves a standard deviation by 1 %.
 
     Returns
     -------
@@ -938,7 +973,7 @@ def judge(
     >>> judge(mine, ["elastic-half-sigma"], paths=64, relaxations=2.0).passed
     True
     """
-    _check_allowed(allowed_percent)
+    _check_limits(allowed_percent, finds_percent)
     check_options({"seed": seed})
     known = known_problems(scenes, paths=paths, relaxations=relaxations)
     seeds = seeds_of(seed, len(known))
@@ -946,15 +981,14 @@ def judge(
         _measured(problem, truth, integrator(problem, own_seed))
         for (problem, truth), own_seed in zip(known, seeds, strict=True)
     ]
-    return _judgement(measured, allowed_percent)
+    return _judgement(measured, allowed_percent=allowed_percent, finds_percent=finds_percent)
 
 
 def judge_returned(
     problem: Problem,
     truth: Response,
     returned: Mapping[str, Any],
-    *,
-    allowed_percent: float = 0.0,
+    **limits: Unpack[Limits],
 ) -> Judgement:
     """Judge the answer to one problem, in one of the three forms that `judge` takes.
 
@@ -964,16 +998,22 @@ def judge_returned(
         The problem, with the paths and the duration that were simulated, and its known answer.
     returned
         Records, averages of each path, or statistics.
-    allowed_percent
-        A bias that is harmless, in per cent of each quantity.
+    limits
+        `allowed_percent` and `finds_percent`, as `judge` takes them.
     """
-    _check_allowed(allowed_percent)
-    return _judgement([_measured(problem, truth, returned)], allowed_percent)
+    _check_limits(**limits)
+    return _judgement([_measured(problem, truth, returned)], **limits)
 
 
-def _check_allowed(allowed_percent: float) -> None:
+def _check_limits(allowed_percent: float = 0.0, finds_percent: float | None = None) -> None:
+    """Raise a ValueError for limits of the judge that make no sense."""
     if not 0.0 <= allowed_percent < 100.0:
         raise ValueError(f"allowed_percent must be in [0, 100), got {allowed_percent}")
+    if finds_percent is not None and not allowed_percent < finds_percent < math.inf:
+        raise ValueError(
+            f"finds_percent must be above allowed_percent ({allowed_percent:g}), "
+            f"got {finds_percent:g}"
+        )
 
 
 def _measured(problem: Problem, truth: Response, returned: Mapping[str, Any]) -> Measured:
@@ -982,7 +1022,9 @@ def _measured(problem: Problem, truth: Response, returned: Mapping[str, Any]) ->
     return Measured(problem, sample_of(problem, returned), truths_of(problem, truth))
 
 
-def _judgement(measured: Sequence[Measured], allowed_percent: float) -> Judgement:
+def _judgement(
+    measured: Sequence[Measured], allowed_percent: float = 0.0, finds_percent: float | None = None
+) -> Judgement:
     """The verdict on all samples together, under one alarm rate."""
     pairs = [
         (each, name) for each in measured for name in each.truths if name in each.sample.names()
@@ -1003,6 +1045,8 @@ def _judgement(measured: Sequence[Measured], allowed_percent: float) -> Judgemen
             left_out.append(f"{each.problem.name}: no answer is known for {', '.join(unknown)}")
     rate = single_alarm_rate(max(len(pairs), 1))
     findings = [_finding(each, name, rate, allowed_percent / 100.0) for each, name in pairs]
+    if finds_percent is not None:
+        findings = [_required(row, finds_percent) for row in findings]
     failed = any(row.verdict in (DISAGREES, NOT_FINITE) for row in findings)
     return Judgement(
         findings=tuple(findings),
@@ -1010,7 +1054,16 @@ def _judgement(measured: Sequence[Measured], allowed_percent: float) -> Judgemen
         left_out=tuple(left_out),
         z=student_quantile(rate, math.inf),
         allowed_percent=allowed_percent,
+        finds_percent=finds_percent,
     )
+
+
+def _required(row: Finding, finds_percent: float) -> Finding:
+    """A finding that passes only where an error of that size would be found."""
+    if row.verdict in (DISAGREES, NOT_FINITE):
+        return row
+    sharp = row.found_percent <= finds_percent
+    return replace(row, verdict=AGREES if sharp else TOO_UNCERTAIN)
 
 
 def _missing(name: str, sample: Sample) -> str:

@@ -40,7 +40,8 @@ class Judge:
             A function of (problem, seed); a DataFrame or a CSV file of statistics, of averages of
             each path or of records; or a mapping, as `stochvi.testing.judge` describes them.
         options
-            allowed_percent, paths, relaxations and seed, as `stochvi.testing.judge` takes them.
+            allowed_percent, finds_percent, paths, relaxations and seed, as `stochvi.testing.judge`
+            takes them.
 
         Raises
         ------
