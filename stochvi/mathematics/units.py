@@ -242,6 +242,7 @@ def argument_checker(function: Callable[..., Any]) -> Callable[..., inspect.Boun
                 for each in given[name] if several else (given[name],):
                     raise_if_wrong(name, each)
                 if isinstance(given[name], int) and abs(given[name]) >= LARGEST_WHOLE:
+                    _check_number(name, given[name])
                     given[name] = float(given[name])
         return bound
 

@@ -46,6 +46,7 @@ from stochvi.model.scales import PairScale, scales_of, scales_of_free_motion
 from stochvi.results.deadline import stood_still
 from stochvi.results.errors import SceneError, StochviError
 from stochvi.scenes.datasets import shipped_scene
+from stochvi.scenes.records import read_record
 from stochvi.scenes.structures import Matrices
 from support.calls import SECONDS, Caller, callables
 from support.known import ELASTIC_STOPS, ElasticStops, oscillator, values
@@ -632,6 +633,11 @@ test_what_is_no_number_is_refused = refusals(
     error=ValueError,
     pattern=True,
 )
+
+
+def test_a_column_beyond_all_numbers_is_refused() -> None:
+    with pytest.raises(ValueError, match="column must be a number, got 1000"):
+        read_record("drive.csv", column=10**400)
 
 
 @pytest.mark.parametrize("function", [stochvi.production, stochvi.mean_over_units])
