@@ -6,23 +6,27 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc
 
 from stochvi.mathematics import numerics
-from stochvi.mathematics.numerics import Matrix
+from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import LENGTH
+from stochvi.methods.periodic.attracted import Place, unmet_by_flights
+from stochvi.methods.periodic.branches import move_inside
+from stochvi.methods.periodic.continuation import unstruck
+from stochvi.methods.periodic.kernels.flights import count_impacts, course_of
 from stochvi.methods.periodic.resonance import HarmonicResonance
 from stochvi.model.coverage import beyond_one_oscillator, functions, scattered
 from stochvi.model.model import Model, model_of
 from stochvi.motion.kernels.random_numbers import seed_streams
-from stochvi.motion.modal import ModalPlan, plan_modal
+from stochvi.motion.modal import plan_modal
 from stochvi.results.base import DataFrame, Result, frame_of
 from stochvi.results.deadline import Deadline, Progress, graceful_interrupt
-from stochvi.results.errors import MOST_NUMBERS, NotApplicable, check_size
+from stochvi.results.errors import MOST_NUMBERS, NotApplicable, NotConverged, check_size
 from stochvi.results.estimates import (
     FEWEST_CLUSTERS,
     binomial_interval,
@@ -230,7 +234,8 @@ def perturbations(
     """Capture by clatter and escape from it, after perturbations of a mount free of impacts.
 
     Every path starts in its motion without stops, at a random phase of the sine. It receives the
-    perturbation and is simulated with its stops. Noise, if any, is that of the scene.
+    perturbation and is followed with its stops: from impact to impact by the exact linear motion
+    where stops are rigid and there is no noise, else in steps.
 
     Parameters
     ----------
@@ -289,27 +294,25 @@ def perturbations(
     deadline = Deadline.after(budget)
     sine = _check(scene, speeds, paths, duration)
     model = model_of(scene)
-    plan = plan_modal(model, 0.0, None)
-    free = plan_modal(replace(model, pairs=()), 0.0, None)
-    period = 1.0 / sine.frequency_hz
-    window = WINDOW_PERIODS * period
+    window = WINDOW_PERIODS / sine.frequency_hz
     windows = 10 * SETTLING_WINDOWS if duration is None else numerics.ceil(duration / window)
     windows = max(windows, SETTLING_WINDOWS + 1)
-    steps = math.ceil(window / plan.step)
-    plan = plan.with_step(window / steps)
-    each = 2 * windows * len(speeds) + 4 * plan.modes.size
+    each = 2 * windows * len(speeds) + 4 * len(model.mass)
     check_size("paths", paths, MOST_NUMBERS // each, "ask for fewer, or for a shorter duration")
+    exact = not model.noisy and model.rigid and not unmet_by_flights(model)
+    hits_of: Throw = Flown(scene, deadline) if exact else Simulated(model, window)
     counted: list[NDArray[np.float64]] = []
     with graceful_interrupt(), given_up_after(deadline), suppress(GivenUp):
         for number, speed in enumerate(speeds):
 
             def report(done: float, number: int = number) -> None:
+                if deadline.passed():
+                    raise GivenUp
                 if progress:
                     total = len(speeds)
                     progress((number + done) / total, f"perturbation {number + 1} of {total}")
 
-            state, streams = _thrown(plan, free, speed, paths, seed)
-            counted.append(_hits(plan, state, streams, windows, steps, deadline, report))
+            counted.append(hits_of(speed, paths, seed, windows, report))
     if not counted:
         raise deadline.fell_short("before the paths of a perturbation had ended", LESS_WORK)
     hits = np.array(counted)
@@ -329,7 +332,7 @@ def perturbations(
         resonance=_resonance(scene, sine),
         clearance=_clearance(scene),
         noise=model.noisy,
-        warnings=(*scene.at_means(), *_rests(scene, model, sine)),
+        warnings=(*scene.at_means(), *_rests(scene, sine, model.noisy)),
         provenance=provenance(scene.document(), seed),
     )
     if len(hits) < len(speeds):
@@ -351,35 +354,87 @@ LESS_WORK = "raise budget, or ask for fewer paths, fewer perturbations or a shor
 """Remedy where the budget ended before all perturbations were simulated."""
 
 
-def _thrown(
-    plan: ModalPlan, free: ModalPlan, speed: float, paths: int, seed: int
-) -> tuple[Matrix, NDArray[np.uint64]]:
-    """States and random streams of paths in the motion without stops, once perturbed."""
-    streams = np.empty((2, paths), np.uint64)
-    seed_streams(np.uint64(seed), 0, streams)
-    state = free.start(streams)
-    n, model = plan.modes.size, plan.model
+class Throw(Protocol):
+    """Impacts of paths (windows, 2, paths) on the lower and the upper stop in each window, after a
+    perturbation of that speed, m/s, at random phases. What it calls with the share that is done may
+    raise `GivenUp`."""
+
+    def __call__(
+        self, speed: float, paths: int, seed: int, windows: int, report: Callable[[float], None]
+    ) -> NDArray[np.float64]: ...
+
+
+class Simulated:
+    """Paths in steps, which noise moves too, and compliant stops may stop."""
+
+    def __init__(self, model: Model, window: float) -> None:
+        plan = plan_modal(model, 0.0, None)
+        self.steps = math.ceil(window / plan.step)
+        self.plan = plan.with_step(window / self.steps)
+        self.free = plan_modal(replace(model, pairs=()), 0.0, None)
+        self.kick = plan.modes.shapes.T @ model.mass @ _kick(model)
+
+    def __call__(
+        self, speed: float, paths: int, seed: int, windows: int, report: Callable[[float], None]
+    ) -> NDArray[np.float64]:
+        streams, n = np.empty((2, paths), np.uint64), len(self.kick)
+        seed_streams(np.uint64(seed), 0, streams)
+        state = self.free.start(streams)
+        state[n : 2 * n] += speed * self.kick[:, None]
+        state = np.ascontiguousarray(self.plan.between_stops(state))
+        counted = []
+        for number in range(windows):
+            report(number / windows)
+            counted.append(self.plan.counts(state, streams, self.steps)[0])
+        return np.array(counted)
+
+
+class Flown:
+    """Paths without noise between rigid stops, from impact to impact.
+
+    All paths that have rested on a stop leave it at one phase of the sine, and go on as one motion:
+    an error of their steps would be that of a whole share, and small errors grow from impact to
+    impact.
+    """
+
+    def __init__(self, scene: Scene, deadline: Deadline) -> None:
+        self.place = Place(scene, 1, deadline)
+        self.motion = self.place.finder.motion(self.place.sigma)
+        kick = _kick(self.place.model)
+        (self.kick,) = self.place.states.scaled(np.concatenate([0.0 * kick, kick])[None])
+        (pair,) = self.place.model.pairs
+        self.sides = [int(stop is pair.upper) for stop in pair.stops]
+
+    def __call__(
+        self, speed: float, paths: int, seed: int, windows: int, report: Callable[[float], None]
+    ) -> NDArray[np.float64]:
+        hits, random = np.zeros((windows, 2, paths)), np.random.default_rng(seed)
+        for path, phase in enumerate(random.uniform(0.0, 2.0 * math.pi, paths)):
+            report(path / paths)
+            hits[:, self.sides, path] = self.from_phase(phase, speed, windows)
+        return hits
+
+    def from_phase(self, phase: float, speed: float, windows: int) -> Matrix:
+        """Impacts (windows, stops) of the path that is perturbed at a phase of the sine."""
+        start = unstruck(self.motion, phase)
+        if start is None:
+            why = "the structure has no single motion without impacts"
+            raise NotApplicable("perturbations", why)
+        state, counts = start + speed * self.kick, np.zeros((windows, len(self.sides)))
+        move_inside(self.motion, state, lambda: 1.0)
+        course = course_of(self.motion, phase, 2.0 * math.pi)
+        if not count_impacts(course, state, WINDOW_PERIODS, counts):
+            raise NotConverged("impacts come too fast to be followed; add a little noise")
+        return counts
+
+
+def _kick(model: Model) -> Vector:
+    """Change of the velocities by a perturbation of speed 1: all that a moving base carries gets it
+    relative to the base, else it is that of an impulse on the reduced mass of the gap."""
     if model.moving_base:
-        kick = plan.modes.shapes.T @ model.mass @ next(iter(model.base.values()))
-    else:  # an impulse on the reduced mass of the gap
-        kick = model.pairs[0].mass * plan.modes.gaps[0]
-    state[n : 2 * n] += speed * kick[:, None]
-    return np.ascontiguousarray(plan.between_stops(state)), streams
-
-
-def _hits(
-    plan: ModalPlan, state: Matrix, streams: NDArray[np.uint64], windows: int, steps: int,
-    deadline: Deadline, report: Callable[[float], None],
-) -> NDArray[np.float64]:  # fmt: skip
-    """Impacts of each path on the lower and the upper stop in each window (windows, 2, paths);
-    `GivenUp` where the deadline passes before the last window."""
-    counted = []
-    for number in range(windows):
-        if deadline.passed():
-            raise GivenUp
-        report(number / windows)
-        counted.append(plan.counts(state, streams, steps)[0])
-    return np.array(counted)
+        return np.asarray(next(iter(model.base.values())), float)
+    pair = model.pairs[0]
+    return np.asarray(pair.mass * np.linalg.solve(model.mass, pair.direction), float)
 
 
 def _check(scene: Scene, speeds: Sequence[float], paths: int, duration: float | None) -> Sine:
@@ -410,17 +465,15 @@ def _clearance(scene: Scene) -> float:
     return min(abs(stop.position - mean) for stop in model.stops)
 
 
-def _rests(scene: Scene, model: Model, sine: Sine) -> list[str]:
-    """A sentence where the sine can hold a mass on a rigid stop: it leaves at one phase, whatever
-    came before, and clatter is too sensitive for its further way to be computed."""
-    resonance = _resonance(scene, sine)
-    pulled = resonance is not None and resonance.omega**2 * _clearance(scene)
-    if model.noisy or resonance is None or resonance.amplitude <= pulled:
+def _rests(scene: Scene, sine: Sine, noisy: bool) -> list[str]:
+    """A sentence where a sine without noise can hold a mass on a rigid stop."""
+    one = _resonance(scene, sine)
+    if noisy or one is None or one.amplitude <= one.omega**2 * _clearance(scene):
         return []
     return [
-        "the sine can hold the mass on a stop; all paths that have rested there go on alike, and "
-        "rounding decides whether clatter captures them: shares may differ by more than their "
-        "intervals from machine to machine; a little noise in the scene removes this"
+        "the sine can hold the mass on a stop, and all paths that have rested there go on alike: a "
+        "small change of the scene may change the shares at once; a little white noise in the "
+        "scene gives those of real mounts"
     ]
 
 

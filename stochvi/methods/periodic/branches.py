@@ -719,7 +719,7 @@ class Finder:
         motion, n = self.motion(sigma), self.family.sizes[0]
         state = random.normal(size=2 * n)
         state[n:] *= 10.0 ** random.uniform(-1.0, 0.5)
-        _move_inside(motion, state, lambda: 1.0 + 0.5 * random.random())
+        move_inside(motion, state, lambda: 1.0 + 0.5 * random.random())
         return np.asarray(state)
 
     def at_rest(self, sigma: float) -> Vector:
@@ -729,7 +729,7 @@ class Finder:
         state = np.zeros(2 * n)
         # a free mass stays where it is
         state[:n] = np.linalg.lstsq(stiffness, load, rcond=UNHELD)[0]
-        _move_inside(motion, state, lambda: 1.0)
+        move_inside(motion, state, lambda: 1.0)
         return state
 
     def motion(self, sigma: float) -> solver.Motion:
@@ -997,7 +997,7 @@ TESTS: dict[str, Callable[[Track], Vector]] = {
 while a branch is followed."""
 
 
-def _move_inside(motion: solver.Motion, state: Vector, share: Callable[[], float]) -> None:
+def move_inside(motion: solver.Motion, state: Vector, share: Callable[[], float]) -> None:
     """Move a state, in its place, off the stops beyond which it lies, each time by a `share` of how
     far it lies beyond."""
     n = motion.rows.shape[1]

@@ -42,13 +42,13 @@ def states_of(motion: solver.Motion, pattern: solver.Pattern, theta: Vector) -> 
     return states if found else None
 
 
-def unstruck(motion: solver.Motion) -> Vector | None:
-    """The state (2 n,) at the phase 0 of the motion without impacts; None where there is none, or
-    no single one."""
+def unstruck(motion: solver.Motion, phase: float = 0.0) -> Vector | None:
+    """The state (2 n,) at a phase of the force of the motion without impacts; None where there is
+    none, or no single one."""
     two = 2 * motion.rows.shape[1]
     whole = solver.transition(motion.generator, 2.0 * math.pi / motion.omega)
     w, driven = np.empty(len(whole) - two), np.empty(two)
-    solver.force_state(motion, 0.0, w)
+    solver.force_state(motion, phase, w)
     solver.apply(np.ascontiguousarray(whole[:two, two:]), w, driven)
     state = driven[:, None].copy()
     return state[:, 0] if solver.solve(np.eye(two) - whole[:two, :two], state) else None

@@ -286,3 +286,19 @@ def watch_flight(course, y, skipped, watched, perturbation):
         growth[period - skipped] = math.log(size) if size > 0.0 else -np.inf
         put(y, ends[period - skipped])
     return hits
+
+
+@kernel
+def count_impacts(course, y, periods, counts):
+    """Simulate a state y (2 n,), in its place, and add its impacts to `counts` (windows, stops), in
+    windows of so many periods; returns whether all could be followed."""
+    touch, none = free_touch(), np.empty((len(y), 0))
+    log = np.empty((MOST_IMPACTS + 1, 3))
+    for window in range(len(counts)):
+        for _ in range(periods):
+            hits = fly(course, y, touch, none, log, np.int64(0))
+            if hits < 0:
+                return False
+            for k in range(hits):
+                counts[window, int(log[k, 1])] += 1.0
+    return True
