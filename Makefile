@@ -2,7 +2,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: demo test slow everywhere lowest plugin prereleases package clocks verify verify-tenth distributed lint docs studies bench clean
+.PHONY: demo test slow everywhere lowest plugin prereleases package clocks verify verify-tenth distributed lint docs site studies bench clean
 
 demo: .venv/test-installed
 	$(BIN)/stochvi demo --out out
@@ -66,6 +66,10 @@ lint: .venv/dev-installed
 docs: .venv/docs-installed
 	$(BIN)/python -m sphinx --jobs auto --write-all --fail-on-warning --keep-going --nitpicky -b html docs docs/_build/html
 	$(BIN)/python docs/_extensions/links.py docs/_build/html
+
+# the manual beside those of other versions that stand in `site`, among which readers choose
+site: docs
+	$(BIN)/python docs/_extensions/manuals.py docs/_build/html site
 
 studies: .venv/test-installed
 	for study in studies/*/run.py; do $(BIN)/python $$study || exit 1; done

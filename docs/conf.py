@@ -79,6 +79,7 @@ html_theme = "furo"
 html_title = "stochvi"
 html_static_path = ["_static"]
 html_css_files = ["manual.css"]
+html_js_files = [("versions.js", {"defer": "defer"})]
 html_copy_source = False
 html_show_sourcelink = False
 copybutton_prompt_text = r"\$ |>>> |\.\.\. "
