@@ -6,7 +6,6 @@ Numbers come from the tables of the studies, or are calculated here by the publi
 from __future__ import annotations
 
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -300,22 +299,6 @@ def box_hits_its_stops(path: Path) -> None:
     write_animation(found, scene, path, "isolated box on a truck, stops at 4 mm")
 
 
-def mission_report(path: Path) -> None:
-    """The first page of the PDF to which the tutorial on a mission comes, as pypdfium2 shows it."""
-    import pypdfium2
-
-    sys.path.insert(0, str(HERE.parent / "_extensions"))
-    from shown import printed_by, run_page
-
-    sizing = "stochvi size mission.toml --probability 1% --out paper --formats pdf"
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        run_page(HERE.parent / "tutorials" / "mission-case.md", folder)
-        printed_by(sizing, folder)
-        first = pypdfium2.PdfDocument(folder / "paper" / "report.pdf")[0]
-        first.render(scale=DOTS_OF_A_POINT).to_pil().quantize(256).save(path, optimize=True)
-
-
 @contextmanager
 def explored(width: int, height: int) -> Iterator[Any]:
     """The page of `stochvi explore` with the answers of its first turn, in Chromium."""
@@ -377,9 +360,6 @@ TURN = """step => {
 """Turns the natural frequency by thousandths of its range."""
 
 
-DOTS_OF_A_POINT = 1.5
-"""Resolution of a page of a PDF, 72 points to the inch."""
-
 PICTURES: dict[str, Callable[[], Axes]] = {
     "three_sigma": three_sigma,
     "problem": problem,
@@ -397,9 +377,8 @@ WRITTEN: dict[str, Callable[[Path], None]] = {
     "box_hits_its_stops.gif": box_hits_its_stops,
     "explore.png": explorer,
     "explore.webp": turned_knobs,
-    "mission-report.png": mission_report,
 }
-"""Those that no figure holds, by their whole names: what moves, and a page of a report."""
+"""Those that no figure holds, by their whole names."""
 
 
 if __name__ == "__main__":
