@@ -278,6 +278,11 @@ SIZES: dict[str, Callable[[Vector], Vector]] = {
 """Sizes of shocks at quantiles, by the names of their distributions."""
 
 
+STILL = 1e-9
+"""Share of the largest motion after a shock up to which a displacement counts as one that shocks do
+not move: rounding leaves some 1e-16."""
+
+
 @dataclass(frozen=True, eq=False)
 class Shocks:
     """Shocks that move displacements. A state of them is the ages (s) and sizes of the shocks in
@@ -366,12 +371,15 @@ class Shocks:
 
     def _ages(self, shares: Vector) -> tuple[Vector, Vector]:
         """Ages of shocks at quantiles of a density that is half even, and half in proportion to the
-        squared motion at that age; and the even density over it."""
+        squared motion at that age, of what the shocks move; and the even density over it."""
         ends = np.append(self.step * np.arange(self.responses.shape[1]), self.window)
-        squares = np.sum((self.responses[..., 0] / self.reach[:, None]) ** 2, axis=0)
+        moved = self.reach > STILL * self.reach.max()
+        squares = np.sum((self.responses[moved, :, 0] / self.reach[moved, None]) ** 2, axis=0)
         squares = np.append(0.5 * (squares[1:] + squares[:-1]), 0.0)
         widths = np.diff(ends)
-        parts = 0.5 * widths / self.window + 0.5 * squares * widths / (squares @ widths)
+        parts = widths / self.window
+        if moved.any():
+            parts = 0.5 * parts + 0.5 * squares * widths / (squares @ widths)
         ages = np.interp(shares, np.append(0.0, np.cumsum(parts)) / parts.sum(), ends)
         part = np.clip(np.searchsorted(ends, ages, side="right") - 1, 0, len(parts) - 1)
         return ages, (widths / self.window / parts)[part]

@@ -250,6 +250,28 @@ def test_tolerances_that_a_scene_states_are_those_of_its_mission() -> None:
     assert "tolerances" not in plain.to_dict()
 
 
+@pytest.mark.slow
+def test_a_louder_mission_with_shocks_that_meet_needs_as_much_more(tmp_path: Path) -> None:
+    """All that is 1 dB louder moves the mount by as much more; beside such shocks the expected
+    crossings do not fall from place to place, by the net over which they are summed."""
+    time = np.arange(0.0, 0.6, 1.0 / 256.0)
+    values = 60.0 * np.exp(-time / 0.15) * np.sin(2.0 * np.pi * 11.0 * time)
+    file = tmp_path / "pothole.csv"
+    lines = [f"{t},{a}" for t, a in zip(time, values, strict=True)]
+    file.write_text("\n".join(["time (s),acceleration (m/s^2)", *lines]))
+    scene = mission([]).replace(
+        excitations=[
+            TabulatedNoise(profile=PROFILE),
+            Pulses(on="base", rate=0.1, file=str(file)),
+        ]
+    )
+    found = size(
+        scene, probability=0.01, mission=7200.0, rel_error=0.1, tolerances=Tolerances(level_db=1.0)
+    )
+    least, most = found.tolerances["stops"].iloc[[0, -1]]
+    assert most / least == pytest.approx(10.0**0.05, rel=0.01)
+
+
 LOUDER = {
     "phases": THREE["rough and cold"],
     "shocks": mission([]).replace(

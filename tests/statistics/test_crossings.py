@@ -1161,6 +1161,34 @@ def test_two_masses_whose_gaps_shocks_close() -> None:
     assert abs(own.value - counted) < 4.5 * math.hypot(error, own.standard_error) + (own.bias or 0)
 
 
+def test_a_gap_that_no_shock_moves_is_hit_by_its_noise_alone() -> None:
+    """Two masses that are not coupled, one of them struck by shocks: chances are independent."""
+    structure = Matrices(
+        coordinates=["a", "b"], mass=[[2.0, 0.0], [0.0, 1.0]],
+        damping=[[16.0, 0.0], [0.0, 6.0]], stiffness=[[9000.0, 0.0], [0.0, 4000.0]],
+    )  # fmt: skip
+    noises = [
+        TabulatedNoise(frequency_hz=[2.0, 50.0], density=[d, d], unit="N2/Hz", on=on)
+        for on, d in (("a", 20.0), ("b", 6.0))
+    ]
+    pulses = Pulses(rate=0.08, shape="half-sine", duration=0.04, amplitude=150.0, on="a")
+    law = Restitution(coefficient=0.5)
+    pairs = [
+        ImpactPair(name="a", on="a", upper=0.03, law=law),
+        ImpactPair(name="b", on="b", upper=0.03, law=law),
+    ]
+    both = Scene(structure=structure, impact_pairs=pairs, excitations=[*noises, pulses])
+    scenes = both, *(both.replace(impact_pairs=[each]) for each in pairs)
+    found = [reliability(each, mission=20.0, seed=1, rel_error=0.03) for each in scenes]
+    together, *alone = (each.chances["hit"].estimate for each in found)
+    assert all(0.01 < each.value < 0.9 for each in alone), alone
+    left = [1.0 - each.value for each in alone]
+    spread = [one.standard_error * other for one, other in zip(alone, reversed(left), strict=True)]
+    error = math.hypot(together.standard_error, *spread)
+    bias = sum(each.bias or 0.0 for each in (together, *alone))
+    assert abs(1.0 - math.prod(left) - together.value) < 4.5 * error + bias
+
+
 @pytest.mark.slow
 def test_shocks_that_meet_are_counted_in_missions() -> None:
     """Three shocks a second on a mount of 15 Hz: each comes while the last one still moves it.

@@ -307,7 +307,8 @@ class HazardInPhase:
         least = max(np.abs(self.phase.shifts).max(), NEAREST * nearest)
         places = np.linspace(least, FARTHEST_PLACE * farthest, PLACES)[1:]
         logs = np.log(np.maximum([self.expected(each) for each in places], LEAST))
-        falling = np.diff(logs, prepend=math.inf) < 0.0
+        # sums over a net of shocks may rise a little: only what falls below all before is taken
+        falling = logs < np.minimum.accumulate(np.append(math.inf, logs[:-1]))
         return scipy.interpolate.PchipInterpolator(-logs[falling], places[falling] ** 2)
 
     def crossed(self, expected: float) -> Hazard:
