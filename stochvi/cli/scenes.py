@@ -302,7 +302,8 @@ def _with_numbers(kind: str, given: dict[str, str | None]) -> str:
     path = data_folder() / "scenes" / "templates" / f"{kind}.txt"
     template = Template(path.read_text("utf-8"))
     if kind == "box":
-        fields |= _stops_at_three_sigma(template.substitute(fields, corner_stop=1.0, side_stop=1.0))
+        far = {f"{name}_stop": "1.0" for name in ("corner", "side", "end")}
+        fields |= _stops_at_three_sigma(template.substitute(fields | far))
     return template.substitute(fields)
 
 
@@ -332,13 +333,14 @@ def _box(
     steps = [2.0 * row / (mounts // 2 - 1) - 1.0 for row in range(mounts // 2)]
     sections = [
         f"[[structure.mount]]\nat = {_listed([x * step, y * side, -z])}   # m from the centre of "
-        f"mass\nstiffness = {_listed([stiffness] * 3)}   # N/m along x, y, z\nzeta = {zeta:g}\n"
+        f"mass\nstiffness = {_listed([stiffness] * 3)}   # N/m along x, y, z, by catalogue\n"
+        f"zeta = {zeta:g}\n"
         for step in steps
         for side in (-1.0, 1.0)
     ]
     return {
         "inertia": _listed(inertia), "size": " x ".join(f"{each:g}" for each in size),
-        "corner": _listed([x, y, -z]), "side": _listed([0.0, y, 0.0]),
+        "corner": _listed([x, y, -z]), "top": _listed([x, y, z]),
         "sections": "\n".join(sections),
     }  # fmt: skip
 

@@ -499,6 +499,8 @@ def test_new_writes_a_scene_of_the_numbers_of_a_user(stochvi: Run, tmp_path: Pat
     if kind == "box":
         assert np.diag(mass)[3:] == pytest.approx([0.3791667, 0.5833333, 0.7291667], rel=1e-3)
         assert scene.structure.mounts[0].at == (-0.2, -0.15, -0.1)
+        directions = [pair.direction for pair in scene.impact_pairs]
+        assert sorted(directions) == [(0, 0, 1), (0, 1, 0), (1, 0, 0)]
         for pair in screen(scene).impact_pairs.values():
             assert pair.stops["upper"] == pytest.approx(pair.three_sigma, rel=0.05)
     code, out, _ = stochvi("explain", file, "--budget", "1")
