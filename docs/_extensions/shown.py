@@ -2,8 +2,9 @@
 
 A `console` block holds commands after "$ ", each with what it prints on standard output. A block
 after the comment `<!-- file: NAME -->` is a file that the commands find. The comment
-`<!-- run: COMMAND -->` prepares the folder unseen. All of a page are run in their order in one
-empty folder. With `--write` the page gets what was printed now.
+`<!-- run: COMMAND -->` prepares the folder unseen; `$MANUAL` is the folder of the manual there. All
+of a page are run in their order in one empty folder. With `--write` the page gets what was printed
+now.
 
 Words must be those of the page. Digits of a simulation depend on the processor and the libraries,
 so that numbers may differ by their errors: see `differences`.
@@ -102,6 +103,7 @@ def printed_by(command: str, folder: Path) -> str:
     environment = os.environ | {
         "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]),
         "COLUMNS": str(WIDTH), "NO_COLOR": "1", "TERM": "dumb", "MPLBACKEND": "agg",
+        "MANUAL": str(Path(__file__).parents[1]),
     }  # fmt: skip
     environment.pop("FORCE_COLOR", None)
     done = subprocess.run(
