@@ -57,7 +57,7 @@ a stop, which may be a pad or a bolt."""
 
 class Knob(NamedTuple):
     """A number that can be turned, in SI units, between two ends. Its group is that of the scene,
-    of the question or of the tolerances."""
+    of the question or of the tolerances; `part` names the part of the scene that it belongs to."""
 
     key: str
     words: str
@@ -67,6 +67,7 @@ class Knob(NamedTuple):
     high: float
     logarithmic: bool = False
     group: str = "scene"
+    part: str = ""
 
 
 MISSION = Knob("mission", "mission", "s", 3600.0, *RANGES["mission"], True, "question")
@@ -83,20 +84,25 @@ TOLERANCES = {
 def knobs_of(scene: Scene) -> list[Knob]:
     """The knobs of a scene, in the order of its file."""
     document = scene.document(as_written=True)
-    parts = [("structure", document["structure"])]
+    parts = [("structure", "the structure", document["structure"])]
     if "absorber" in document:
-        parts += [("absorber", document["absorber"])]
-        parts += [("absorber.law", each) for each in [document["absorber"].get("law")] if each]
-    for list_name in ("impact_pair", "excitation"):
-        parts += [(f"{list_name}.{i}", part) for i, part in enumerate(document[list_name])]
-        if list_name == "impact_pair":
-            for i, pair in enumerate(document[list_name]):
-                laws = [name for name in LAW_KEYS if name in pair]
-                parts += [(f"{list_name}.{i}.{name}", pair[name]) for name in laws]
-    return [knob for key, part in parts for knob in _of_part(document, key, part)]
+        parts += [("absorber", "the absorber", document["absorber"])]
+        parts += [("absorber.law", "the absorber", each)
+                  for each in [document["absorber"].get("law")] if each]  # fmt: skip
+    pairs = [*enumerate(document["impact_pair"])]
+    parts += [(f"impact_pair.{i}", pair["name"], pair) for i, pair in pairs]
+    for i, pair in pairs:
+        laws = [name for name in LAW_KEYS if name in pair]
+        parts += [(f"impact_pair.{i}.{name}", pair["name"], pair[name]) for name in laws]
+    for i, each in enumerate(document["excitation"]):
+        along = f"the excitation along {each['axis']}" if "axis" in each else f"excitation {i + 1}"
+        parts += [(f"excitation.{i}", along, each)]
+    return [knob for key, name, part in parts for knob in _of_part(document, key, name, part)]
 
 
-def _of_part(document: Mapping[str, Any], key: str, part: Mapping[str, Any]) -> Iterator[Knob]:
+def _of_part(
+    document: Mapping[str, Any], key: str, part_name: str, part: Mapping[str, Any]
+) -> Iterator[Knob]:
     """The knobs of the numbers that stand directly in a part of a scene."""
     for name, value in part.items():
         # whole numbers count something: modes, units
@@ -111,7 +117,9 @@ def _of_part(document: Mapping[str, Any], key: str, part: Mapping[str, Any]) -> 
         reach = REACH_OF_STOPS if (key[:6], name) == ("impact", "stiffness") else REACH
         low, high = _range(str(part.get("kind", "")), name, float(value), reach)
         logarithmic = low > 0.0 and name not in RANGES
-        yield Knob(f"{key}.{name}", words, unit, float(value), low, high, logarithmic)
+        yield Knob(
+            f"{key}.{name}", words, unit, float(value), low, high, logarithmic, part=part_name
+        )
 
 
 def _range(kind: str, name: str, value: float, reach: float) -> tuple[float, float]:

@@ -14,7 +14,6 @@ import socket
 import threading
 import webbrowser
 from collections.abc import AsyncIterator, Callable
-from pathlib import Path
 
 import uvicorn
 from starlette.applications import Starlette
@@ -23,9 +22,8 @@ from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from stochvi.explorer.onefile import STATIC
 from stochvi.explorer.turns import Explorer, told
-
-STATIC = Path(__file__).parent / "static"
 
 FILES = {"/": "index.html"} | {
     f"/{name}": name

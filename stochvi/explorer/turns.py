@@ -15,14 +15,17 @@ text of a table.
 | open | a setting | knobs |
 | turn | a setting | answer for each part, then done; a turn ends that before it |
 | confirm | a setting | progress (`done`, 0 to 1, `words`), answer of the part confirmed, done |
-| cancel | | done; it ends what the tab confirms |
+| cancel | | done; it ends what the tab confirms, and the file that it makes |
 | take | a setting, and `what`, one of the `offers` | file (`name`, `media`, `text`) |
+| price | a setting, and a grid as `what` | priced (`designs`, `seconds`, `bytes`) |
+| page | the same | progress, file: the page with stored turns |
 
 - knobs has `title`, `kind` (pair, box, absorber, sine), `preset`, `presets`, `offers`.
 - Its `knobs` and `tolerances` have `key`, `words`, `unit`, `value`, `low`, `high`, `logarithmic`.
 - Its choices are `profile`, `profiles`, `takes_table`, `law`, `laws`.
+- A grid has `knobs`, lists of keys that move together, and `steps`, the number of their values.
 - answer has its `stage` (closed, simulated, refined), its `part`, and `numbers`, or else `missing`.
-  `next` says what is computed after it.
+  `next` says what is computed after it, `short` why it is less exact than was asked.
 
 What cannot be is answered by refused, with a `sentence`.
 """
@@ -30,9 +33,11 @@ What cannot be is answered by refused, with a `sentence`.
 from __future__ import annotations
 
 import contextlib
+import json
 import math
 import queue
 import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -55,6 +60,7 @@ from stochvi.explorer.knobs import (
     questions_of,
     takes_table,
 )
+from stochvi.explorer.onefile import Grid, page_of, stored
 from stochvi.explorer.takeaways import (
     CommandLine,
     frequency_of,
@@ -77,7 +83,8 @@ from stochvi.methods.monte_carlo import record_path, simulate
 from stochvi.methods.periodic import harmonic_response
 from stochvi.model.model import model_of
 from stochvi.results.base import Response
-from stochvi.results.errors import StochviError
+from stochvi.results.deadline import Progress
+from stochvi.results.errors import NotConverged, StochviError
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import profiles
 from stochvi.scenes.scene import Scene
@@ -91,6 +98,9 @@ BUDGET = 20.0
 
 CONFIRMED, CONFIRM_SECONDS = 0.01, 120.0
 """Relative error of a rate that is confirmed, and the largest time that it may take, s."""
+
+PAGE_SECONDS = 1800.0
+"""Largest time that the turns of a file may take, s."""
 
 PATIENCE = 0.05
 """Time after which what waits looks whether it is still wanted, s."""
@@ -109,9 +119,9 @@ LINEAR = "linear motion without stops"
 PERIODS, SAMPLES = 40, 40
 """Periods of the motion that moves on the page, and samples in each."""
 
-BESIDE = ("linear", "stiffness")
-"""Parts that wait for no other turn, nor another turn for them: one needs no kernel, and one
-compiles many where it is first asked for."""
+BESIDE = ("linear", "spectra", "stiffness")
+"""Parts that wait for no other turn, nor another turn for them: closed forms that need no kernel,
+and what compiles many where it is first asked for."""
 
 NEXT = {
     "linear": "the linear motion", "rate": "simulating impacts", "risk": "counting crossings",
@@ -188,12 +198,15 @@ def columns(frame: Any, names: Any = None) -> dict[str, list[Any]]:
 
 @dataclass(eq=False)
 class Turn:
-    """A design, and the parts of the answer to it. `stale` is set by a later turn."""
+    """A design, and the parts of the answer to it. `stale` is set by a later turn. `dots` are known
+    from turns that share them. `short` says why the part at work is less exact than was asked."""
 
     design: Design
     seed: int
     id: int
     stale: threading.Event = field(default_factory=threading.Event)
+    dots: dict[str, Message] = field(default_factory=dict)
+    short: str | None = None
 
     @property
     def scene(self) -> Scene:
@@ -213,9 +226,9 @@ class Turn:
 
     def _paired(self) -> Iterator[tuple[str, Callable[[], Message]]]:
         alone = len(model_of(self.scene).stiffness) == 1
-        yield from (("simulated", self.rate), ("simulated", self.risk), ("simulated", self.motion))
         if alone:
             yield "closed", self.spectra
+        yield from (("simulated", self.rate), ("simulated", self.risk), ("simulated", self.motion))
         yield from (("closed", self.closure), ("refined", self.finer_rate))
         for share in DOTS:
             yield "refined", self.dot(share)
@@ -232,7 +245,20 @@ class Turn:
             found = part()
         except (StochviError, ValueError) as reason:
             found = {"part": part.__name__, "missing": str(reason)}
+        if self.short is not None:
+            found["short"], self.short = self.short, None
         return {"type": "answer", "id": self.id, "stage": stage, **found}
+
+    def so_far(self, calculate: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
+        """The answer of a calculation. One that falls short is shown as far as it got, with why."""
+        try:
+            return calculate(*arguments, **named)
+        except NotConverged as reason:
+            if reason.partial is None:
+                raise
+            # what comes after it says how to ask for more, which the page cannot
+            self.short = f"Shown as far as it got: {str(reason).partition(';')[0]}."
+            return reason.partial
 
     @cached_property
     def screened(self) -> Screening:
@@ -292,8 +318,8 @@ class Turn:
     def stiffness(self) -> Message:
         """The largest acceleration of the mission, exceeded with the accepted probability, over the
         stiffness of the stops."""
-        found = bumper_map(
-            self.scene, mission=self.design.mission, exceedance=self.design.probability,
+        found = self.so_far(
+            bumper_map, self.scene, mission=self.design.mission, exceedance=self.design.probability,
             clearances=[min(self.gap.stops.values())], stiffness_factors=FACTORS, seed=self.seed,
             budget=BUDGET, progress=self.look,
         )  # fmt: skip
@@ -314,14 +340,16 @@ class Turn:
         return {"part": "rate", **self._simulated(PATHS)}
 
     def _simulated(self, paths: int) -> Message:
-        found = simulate(self.scene, paths=paths, seed=self.seed, budget=BUDGET, progress=self.look)
+        found = self.so_far(
+            simulate, self.scene, paths=paths, seed=self.seed, budget=BUDGET, progress=self.look
+        )
         return {"numbers": impacts_of(found), "paths": paths}
 
     def risk(self) -> Message:
         """The probability of any impact over clearance, and the clearance that keeps the target."""
         design = self.design
-        found = risk_curve(
-            self.scene, probability=design.probability, mission=design.mission,
+        found = self.so_far(
+            risk_curve, self.scene, probability=design.probability, mission=design.mission,
             tolerances=design.tolerances, seed=self.seed, budget=BUDGET, progress=self.look,
         )  # fmt: skip
         numbers = []
@@ -391,22 +419,27 @@ class Turn:
         def dot() -> Message:
             clearance = share * self.gap.displacement_std
             there = at_clearances(self.scene, clearance)
+            same = json.dumps(there.document())
+            if same in self.dots:
+                return self.dots[same]
             found: Message = {"part": "dot", "clearance": clearance}
             with contextlib.suppress(StochviError):
                 closure = linearise(there, budget=BUDGET).impact_pairs[self.pair].collision_rate
                 found["closure"] = of("closure", closure, "1/s")
-            simulated = simulate(
-                there, paths=FEW_PATHS, seed=self.seed, budget=BUDGET, progress=self.look
-            )
+            simulated = self.so_far(
+                simulate, there, paths=FEW_PATHS, seed=self.seed, budget=BUDGET,
+                progress=self.look,
+            )  # fmt: skip
             rate = simulated.impact_pairs[self.pair].collision_rate
-            return found | {"simulated": of("simulated", rate, "1/s")}
+            self.dots[same] = found | {"simulated": of("simulated", rate, "1/s")}
+            return self.dots[same]
 
         return dot
 
     def branches(self) -> Message:
         """The periodic motions about the frequency of a sine, stable or not."""
         asked = question_of(self.design, self.seed).arguments
-        found = harmonic_response(self.scene, budget=BUDGET, **asked).to_frame()
+        found = self.so_far(harmonic_response, self.scene, budget=BUDGET, **asked).to_frame()
         frequencies = found["frequency_hz"].to_numpy()
         near = frequencies[np.argmin(abs(frequencies - frequency_of(self.scene)))]
         stable = found[(frequencies == near) & (found["stable"] > 0) & (found["admissible"] > 0)]
@@ -417,23 +450,27 @@ class Turn:
     def absorbed(self) -> Message:
         """What an absorber leaves of the motion at the level of the scene, and below and above."""
         asked = question_of(self.design, self.seed).arguments
-        found = absorber(self.scene, budget=BUDGET, progress=self.look, **asked).to_frame()
-        own = found[found["level_db"] == 0.0].iloc[0]
+        found = self.so_far(
+            absorber, self.scene, budget=BUDGET, progress=self.look, **asked
+        ).to_frame()
+        # the level of the scene, or that which is nearest if time ended before it
+        own = found.iloc[int(np.argmin(abs(found["level_db"].to_numpy())))]
         number = {"name": "rms with the absorber over that without", "unit": "",
                   "value": float(own["rms_ratio"]), "low": float(own["rms_ratio_low"]),
                   "high": float(own["rms_ratio_high"]), "method": "simulated"}  # fmt: skip
-        sentence = f"The absorber leaves {100 * own['rms_ratio']:.2g} % of the rms motion."
+        level = f" at {own['level_db']:+g} dB" if own["level_db"] else ""
+        sentence = f"The absorber leaves {100 * own['rms_ratio']:.2g} % of the rms motion{level}."
         return {"part": "absorbed", "table": columns(found), "numbers": [number],
                 "sentence": sentence}  # fmt: skip
 
-    def confirmed(self, progress: Callable[[float, str], None]) -> Message:
+    def confirmed(self, progress: Progress) -> Message:
         """The impacts at the design, simulated until they are well known."""
-        found = simulate(
-            self.scene, rel_error=CONFIRMED, seed=self.seed, budget=CONFIRM_SECONDS, threads=1,
-            progress=progress,
+        found = self.so_far(
+            simulate, self.scene, rel_error=CONFIRMED, seed=self.seed, budget=CONFIRM_SECONDS,
+            threads=1, progress=progress,
         )  # fmt: skip
         return {"part": "confirmed", "clearance": min(self.gap.stops.values()),
-                "numbers": impacts_of(found)}  # fmt: skip
+                "numbers": impacts_of(found), "short": self.short}  # fmt: skip
 
     @property
     def pair(self) -> str:
@@ -502,7 +539,7 @@ class Explorer:
         """The messages that answer one of the page; `ValueError` for one of no known shape."""
         known: dict[str, Callable[..., Iterator[Message]]] = {
             "open": self._open, "turn": self._turn, "confirm": self._confirm,
-            "cancel": self._cancel, "take": self._take,
+            "cancel": self._cancel, "take": self._take, "price": self._price, "page": self._page,
         }  # fmt: skip
         asked = message.get("type") if isinstance(message, dict) else None
         if not isinstance(asked, str) or asked not in known:
@@ -535,7 +572,8 @@ class Explorer:
             "profiles": [*profiles()] if takes_table(scene) else [],
             "law": setting.law or next(iter(laws), None), "laws": laws,
             "preset": setting.preset, "presets": [*PRESETS],
-            "offers": offers_of(scene, self.command),
+            # a kernel of a notebook has no command line, and sends no file as large as a page
+            "offers": [*offers_of(scene, self.command), *(["html"] if self.command else [])],
         }  # fmt: skip
 
     def _started(self, kind: str, setting: Setting, number: int, tab: str) -> Turn:
@@ -562,22 +600,30 @@ class Explorer:
     def _confirm(self, setting: Setting, number: int, tab: str, _: Any) -> Iterator[Message]:
         """What is simulated beside all turns, with its progress."""
         turn = self._started("confirm", setting, number, tab)
+
+        def work(progress: Progress) -> Message:
+            return {"type": "answer", "id": number, **turn.confirmed(progress)}
+
+        yield from self._beside(turn, work)
+
+    def _beside(self, turn: Turn, work: Callable[[Progress], Message]) -> Iterator[Message]:
+        """The progress of long work in a thread of its own, and its message; a cancel ends it."""
         told: queue.SimpleQueue[Message | Exception | None] = queue.SimpleQueue()
 
         def progress(done: float, words: str) -> None:
             turn.look()
-            told.put({"type": "progress", "id": number, "done": done, "words": words})
+            told.put({"type": "progress", "id": turn.id, "done": done, "words": words})
 
-        def work() -> None:
+        def worked() -> None:
             try:
-                told.put({"type": "answer", "id": number, **turn.confirmed(progress)})
+                told.put(work(progress))
             except Stale:
                 pass
             except Exception as reason:
                 told.put(reason)
             told.put(None)
 
-        threading.Thread(target=work, daemon=True).start()
+        threading.Thread(target=worked, daemon=True).start()
         try:
             while (found := told.get()) is not None:
                 if isinstance(found, Exception):
@@ -585,11 +631,66 @@ class Explorer:
                 yield found
         finally:  # nobody listens any more
             turn.stale.set()
-        yield {"type": "done", "id": number}
+        yield {"type": "done", "id": turn.id}
 
     def _cancel(self, _: Setting, number: int, tab: str, __: Any) -> Iterator[Message]:
-        self._end("confirm", tab)
+        for kind in ("confirm", "page"):
+            self._end(kind, tab)
         yield {"type": "done", "id": number}
+
+    def _grid(self, setting: Setting, asked: Any) -> Grid:
+        """The designs of a file that a page asks for."""
+        scene = chosen(self.scene, setting)
+        knobs = {each.key: each for each in (*knobs_of(scene), *questions_of(scene))}
+        return Grid.of(setting, knobs, asked)
+
+    def _stored(self, turn: Turn, setting: Setting, dots: dict[str, Message]) -> str:
+        """The messages of one design of a file."""
+        own = Turn(design_of(self.scene, setting), self.seed, 0, turn.stale, dots)
+        found = [each | {"next": ""} for each in self._worked(own)]
+        turn.look()
+        return f"[{', '.join(map(stored, found))}]"
+
+    def _price(self, setting: Setting, number: int, tab: str, what: Any) -> Iterator[Message]:
+        """What a file costs at most, by its first design, its last, and one between."""
+        turn, grid = self._started("price", setting, number, tab), self._grid(setting, what)
+        (opened,) = self._open(setting)
+
+        def work(_: Progress) -> Message:
+            settings, began = grid.settings(), time.monotonic()
+            # designs share the rates at other clearances; these three do not
+            sample = [self._stored(turn, settings[k], {}) for k in (0, grid.size // 2, -1)]
+            share = grid.size / len(sample)
+            seconds = share * (time.monotonic() - began)
+            if seconds > PAGE_SECONDS:
+                raise ValueError(
+                    f"{grid.size} designs take {seconds / 60.0:.0f} min, over "
+                    f"{PAGE_SECONDS / 60.0:.0f}; choose fewer knobs, or fewer values of each"
+                )
+            empty, some = (len(page_of(opened, grid, turns)) for turns in ([], sample))
+            return {"type": "priced", "id": number, "designs": grid.size, "seconds": seconds,
+                    "bytes": empty + share * (some - empty)}  # fmt: skip
+
+        yield from self._beside(turn, work)
+
+    def _page(self, setting: Setting, number: int, tab: str, what: Any) -> Iterator[Message]:
+        """The page as a file, with stored turns."""
+        turn, grid = self._started("page", setting, number, tab), self._grid(setting, what)
+        (opened,) = self._open(setting)
+
+        def work(progress: Progress) -> Message:
+            turns, dots = list[str](), dict[str, Message]()
+            end = time.monotonic() + PAGE_SECONDS
+            for each in grid.settings():
+                progress(len(turns) / grid.size, f"{len(turns)} of {grid.size} designs")
+                if time.monotonic() > end:
+                    raise ValueError(f"{PAGE_SECONDS / 60.0:.0f} min went by before all designs "
+                                     "were known; choose fewer")  # fmt: skip
+                turns.append(self._stored(turn, each, dots))
+            return {"type": "file", "id": number, "name": "explore.html", "media": "text/html",
+                    "text": page_of(opened, grid, turns)}  # fmt: skip
+
+        yield from self._beside(turn, work)
 
     def _take(self, setting: Setting, number: int, _: str, what: Any) -> Iterator[Message]:
         """A file that is taken away."""

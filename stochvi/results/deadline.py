@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field, is_dataclass, replace
 from threading import Lock
@@ -113,9 +113,14 @@ def showing(progress: Progress | None) -> Iterator[Progress | None]:
 
 
 def announce(text: str) -> None:
-    """Show a sentence where the innermost calculation under way shows its progress."""
+    """Show a sentence where the innermost calculation under way shows its progress.
+
+    A progress that ends its calculation by an exception does so at the next report: here, beside
+    the calculation, nobody would catch it.
+    """
     if _announcers:
-        _announcers[-1](text)
+        with suppress(Exception):
+            _announcers[-1](text)
 
 
 @contextmanager

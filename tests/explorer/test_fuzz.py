@@ -36,7 +36,7 @@ KEYS = [
     "file",
     "__proto__",
 ]
-TYPES = ["open", "turn", "confirm", "cancel", "take", "price", "", "OPEN"]
+TYPES = ["open", "turn", "confirm", "cancel", "take", "price", "page", "", "OPEN"]
 ANSWERED = {200, 400, 403, 404, 405, 413}
 GROWTH = 30_000
 """Largest growth of the memory after the first tenth of the requests, kB."""

@@ -9,14 +9,16 @@ from typing import Any
 import pytest
 
 import stochvi
-from stochvi.explorer import notebook
+from stochvi.explorer import onefile
 from stochvi.explorer.turns import Turn
 
 
 def test_the_module_is_one_text_that_imports_nothing() -> None:
-    text = notebook.module()
+    text = onefile.module()
     assert re.findall(r"^\s*import\b", text, re.MULTILINE) == []
-    assert re.findall(r"^export .*", text, re.MULTILINE) == ["export default { render };"]
+    assert re.findall(r"^export .*", text, re.MULTILINE) == [
+        "export function render({ model, el }) {"
+    ]
     assert "uPlot=function" in text.replace(" ", "")
 
 
@@ -24,6 +26,7 @@ def test_a_panel_answers_as_the_server_does(monkeypatch: pytest.MonkeyPatch) -> 
     pytest.importorskip("anywidget", reason="the extra notebook brings it")
     monkeypatch.setattr(Turn, "parts", lambda turn: iter([("closed", turn.linear)]))
     panel, told = stochvi.explore(seed=3), list[dict[str, Any]]()
+    assert panel._esm.endswith("\nexport default { render };")
     monkeypatch.setattr(panel, "send", told.append)
 
     def answers(message: Any, number: int) -> list[dict[str, Any]]:
@@ -35,7 +38,7 @@ def test_a_panel_answers_as_the_server_does(monkeypatch: pytest.MonkeyPatch) -> 
         return told
 
     (opened,) = answers({"type": "open", "id": 1, "tab": "a"}, 1)
-    assert opened["kind"] == "pair" and "command" not in opened["offers"]
+    assert opened["kind"] == "pair" and not {"command", "html"} & {*opened["offers"]}
     linear, done = answers({"type": "turn", "id": 2, "tab": "a", "values": {}}, 2)
     assert linear["numbers"] and done["type"] == "done"
     (refused,) = answers({"type": "turn", "id": 3, "tab": "a", "values": {"x": 1.0}}, 1)

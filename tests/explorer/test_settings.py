@@ -24,6 +24,7 @@ from stochvi.explorer.knobs import (
 from stochvi.explorer.takeaways import toml_of
 from stochvi.explorer.turns import Explorer, Refused, Turn
 from stochvi.isolators.tolerances import Tolerances
+from stochvi.results.errors import NotConverged
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.excitations import TabulatedNoise
 from stochvi.scenes.scene import load_scene
@@ -168,6 +169,54 @@ def test_what_is_cancelled_ends_at_its_next_report(monkeypatch: pytest.MonkeyPat
 
 
 # ------------------------------------------------------------------------------
+# What falls short of its accuracy is shown as far as it got.
+# ------------------------------------------------------------------------------
+
+
+SHORT = "Shown as far as it got: the budget ended."
+
+
+def falls_short(monkeypatch: pytest.MonkeyPatch, name: str, **less: Any) -> None:
+    """Let a calculation of a turn end before it is as exact as was asked."""
+    calculate = getattr(turns, name)
+
+    def short(scene: Any, **named: Any) -> Any:
+        raise NotConverged("the budget ended; raise budget", calculate(scene, **{**named, **less}))
+
+    monkeypatch.setattr(turns, name, short)
+
+
+def test_an_absorber_that_is_not_known_well_is_shown_with_its_interval_and_why(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    falls_short(monkeypatch, "absorber", levels_db=(-6.0,), rel_error=0.5)
+    message = {"type": "turn", "preset": "impact absorber on a tower"}
+    found, done = asked(Explorer(TRUCK), **message)
+    assert done["type"] == "done"
+    assert found["short"] == SHORT
+    (number,) = found["numbers"]
+    assert 0.0 < number["low"] < number["value"] < number["high"]
+    assert found["sentence"].endswith("of the rms motion at -6 dB.")
+
+    def nothing(*_: Any, **__: Any) -> Any:
+        raise NotConverged("before any level was simulated", None)
+
+    monkeypatch.setattr(turns, "absorber", nothing)
+    found, done = asked(Explorer(TRUCK), **message)
+    assert found["missing"] == "before any level was simulated" and "short" not in found
+
+
+def test_a_confirmation_that_is_not_known_well_is_shown_with_why(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    falls_short(monkeypatch, "simulate", rel_error=0.2)
+    *_, found, done = asked(Explorer(TRUCK), type="confirm")
+    assert (found["part"], found["short"]) == ("confirmed", SHORT)
+    assert found["numbers"][0]["low"] < found["numbers"][0]["value"]
+    assert done == {"type": "done", "id": 1}
+
+
+# ------------------------------------------------------------------------------
 # What is taken away gives the same answer.
 # ------------------------------------------------------------------------------
 
@@ -203,7 +252,8 @@ def offered() -> dict[str, str]:
     """What is taken away of one design."""
     explorer = Explorer(TRUCK, 3, line_of)
     (opened,) = asked(explorer, type="open", **SET)
-    return {each: file_of(explorer, each, **SET) for each in opened["offers"] if each != "report"}
+    return {each: file_of(explorer, each, **SET) for each in opened["offers"]
+            if each not in ("report", "html")}  # fmt: skip
 
 
 @pytest.mark.slow

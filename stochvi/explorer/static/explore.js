@@ -2,7 +2,7 @@
 // messages alone, so that a notebook's model and the page's (`page.js`) serve it alike. The model
 // keeps two things: the `setting` of the knobs, and the `pinned` design.
 import { box } from "./box.js";
-import { SYSTEMS, change, digits, element, inUnits, spoken, unitOf, withInterval } from "./figures.js";
+import { SYSTEMS, change, digits, element, inUnits, nearest, spoken, unitOf, withInterval } from "./figures.js";
 import { motion } from "./motion.js";
 import { picture } from "./pictures.js";
 
@@ -13,6 +13,9 @@ const BARE = { "g²/Hz": "Hz,g2/Hz", "(m/s²)²/Hz": "Hz,(m/s2)2/Hz" };
 const SHOWN = ["application/toml", "text/plain", "text/x-python"]; // texts to copy; others are saved at once
 const stopKey = (side) => `impact_pair.0.${side}`;
 
+// a value of a knob between its ends, and among those that are stored
+const within = ({ stored, low, high }, value) => (stored ? stored[nearest(stored, value)] : Math.min(Math.max(value, low), high));
+
 // stops of a pair that are as far away on both sides are turned together
 function withClearances(knobs) {
   const of = (key) => knobs.find((each) => each.key === key);
@@ -21,44 +24,49 @@ function withClearances(knobs) {
     const lower = of(`impact_pair.${pair}.lower`), upper = of(`impact_pair.${pair}.upper`);
     if (!lower || !upper || lower.value !== -upper.value) return [knob];
     if (side === "lower") return [];
-    return [{ ...upper, key: pair === "0" ? "clearance" : `clearance.${pair}`, words: "clearance per side", keys: [lower.key, upper.key], signs: { [lower.key]: -1 } }];
+    const key = pair === "0" ? "clearance" : `clearance.${pair}`;
+    return [{ ...upper, key, words: "clearance per side", keys: [lower.key, upper.key], signs: { [lower.key]: -1 } }];
   });
 }
 
 // knobs of the same words say of what they are
 function toldApart(knobs) {
-  const part = (key) => key.replace(/^(structure|absorber).*/, " of the $1").replace(/^impact_pair\.(\d+).*/, (_, n) => ` of stops ${+n + 1}`).replace(/^excitation\.(\d+).*/, (_, n) => ` of excitation ${+n + 1}`);
-  return knobs.map((each) => ({ ...each, words: knobs.some((other) => other !== each && other.words === each.words) ? each.words + part(each.keys[0]) : each.words }));
+  const shared = (each) => knobs.some((other) => other !== each && other.words === each.words);
+  return knobs.map((each) => (shared(each) ? { ...each, words: `${each.words} of ${each.part}` } : each));
 }
 
-// a knob: a slider whose ends are those of the server, and its number, which can be typed
+// a knob: a slider whose ends are those of the server, and its number, which can be typed. Where
+// answers are stored it stands at their values alone
 function knobRow(knob, system, turned, tell) {
-  const place = (value) => (knob.logarithmic ? Math.log(value) : value);
-  const back = (at) => (knob.logarithmic ? Math.exp(at) : at);
-  const range = element("input", { type: "range", min: 0, max: 1000, step: 1, id: knob.key });
-  const typed = element("input", { type: "number", step: "any" });
+  const { stored } = knob;
+  const place = (value) => (stored ? nearest(stored, value) : knob.logarithmic ? Math.log(value) : value);
+  const back = (at) => (stored ? stored[at] : knob.logarithmic ? Math.exp(at) : at);
+  const steps = stored ? stored.length - 1 : 1000, disabled = !steps;
+  const range = element("input", { type: "range", min: 0, max: steps, step: 1, id: knob.key, disabled });
+  const typed = element("input", { type: "number", step: "any", disabled });
   const label = element("label", { htmlFor: knob.key });
-  const width = place(knob.high) - place(knob.low);
+  const width = place(knob.high) - place(knob.low) || 1;
   const show = () => {
     const [factor, unit] = unitOf(knob.unit, system(), knob.now);
     label.textContent = unit ? `${knob.words}, ${unit}` : knob.words;
     typed.setAttribute("aria-label", `${label.textContent}, typed`);
-    range.value = Math.round((1000 * (place(knob.now) - place(knob.low))) / width);
+    range.value = Math.round((steps * (place(knob.now) - place(knob.low))) / width);
     range.setAttribute("aria-valuetext", spoken(knob.now, knob.unit, system()));
     const number = Number((knob.now * factor).toPrecision(4));
     typed.value = Math.abs(number) >= 1e7 ? number.toExponential() : number;
   };
   range.addEventListener("input", () => {
-    knob.now = back(place(knob.low) + (width * range.value) / 1000);
+    knob.now = back(place(knob.low) + (width * range.value) / steps);
     show();
     turned();
   });
   typed.addEventListener("change", () => {
     const value = typed.valueAsNumber / unitOf(knob.unit, system(), knob.now)[0];
-    if (Number.isFinite(value)) knob.now = Math.min(Math.max(value, knob.low), knob.high);
+    if (Number.isFinite(value)) knob.now = within(knob, value);
     show();
     turned();
-    tell(value === knob.now ? "" : `${knob.words} goes from ${spoken(knob.low, knob.unit, system())} to ${spoken(knob.high, knob.unit, system())}`);
+    const [low, high] = [knob.low, knob.high].map((each) => spoken(each, knob.unit, system()));
+    if (!stored) tell(value === knob.now ? "" : `${knob.words} goes from ${low} to ${high}`);
   });
   knob.show = show;
   show();
@@ -97,11 +105,17 @@ function tableOf(caption, heads, className) {
   return [element("table", { className }, element("caption", { textContent: caption }), element("thead", {}, head), body), body];
 }
 
-const row = (name, ...cells) => element("tr", {}, element("th", { scope: "row", textContent: name }), ...cells.map((each) => element("td", { textContent: each })));
+function row(name, ...cells) {
+  const head = element("th", { scope: "row", textContent: name });
+  return element("tr", {}, head, ...cells.map((each) => element("td", { textContent: each })));
+}
 
-function render({ model, el }) {
+const line = (name, kind, colour, x, y, band = {}) => ({ name, kind, colour, x, y, ...band });
+
+export function render({ model, el }) {
   const tab = Math.random().toString(36).slice(2);
-  let system = "mm, g", knobs = [], choices = {}, wanted = {}, count = 0, id = 0, confirming = null, taking = null, asked = 0, timer = null, pictures = {}, note = null;
+  let system = "mm, g", knobs = [], choices = {}, wanted = {}, note = null, pictures = {};
+  let count = 0, id = 0, asked = 0, timer = null, confirming = null, taking = null, offered = null;
   let answer = { numbers: {}, dots: [], stiffness: [] }, pinned = null;
 
   const heading = element("h1", { textContent: "stochvi explore" });
@@ -131,7 +145,8 @@ function render({ model, el }) {
   const held = element("div", { className: "buttons" }, goBack, unpin, confirm, cancel, share);
   const buttons = element("div", { className: "buttons" }, pin, reset);
   const taken = element("div", { className: "taken" });
-  const away = element("section", { className: "away" }, element("h2", { textContent: "Take away" }), element("div", { className: "buttons" }), taken);
+  const away = element("section", { className: "away" },
+    element("h2", { textContent: "Take away" }), element("div", { className: "buttons" }), taken);
   const paste = pasting((text) => open({ ...settingNow(), profile: null, psd: text }));
 
   const now = (key) => {
@@ -150,15 +165,18 @@ function render({ model, el }) {
       const found = [knob.low, knob.high].map((each) => each * (knob.signs?.[stopKey(side)] ?? 1));
       return found.sort((a, b) => a - b);
     },
-    move(side, place) {
-      const knob = knobs.find((each) => each.keys.includes(stopKey(side)));
-      knob.now = place * (knob.signs?.[stopKey(side)] ?? 1);
+    move(side, place, way) {
+      const knob = knobs.find((each) => each.keys.includes(stopKey(side))), sign = knob.signs?.[stopKey(side)] ?? 1;
+      const next = way && knob.stored?.[knob.stored.indexOf(knob.now) + sign * Math.sign(way)];
+      knob.now = next ?? within(knob, place * sign);
       knob.show();
       moving.layout();
       turned();
     },
   });
   el.classList.add("stochvi-explore");
+  // else JupyterLab takes the keys of a slider for its own, and an "a" adds a cell
+  el.addEventListener("focusin", ({ target }) => { target.dataset.lmSuppressShortcuts = true; });
   el.replaceChildren(
     element("header", {}, heading, sentence, facts, state),
     element("main", {}, element("section", { className: "side" }, chosen, paste, panel, tip, buttons),
@@ -175,6 +193,10 @@ function render({ model, el }) {
     for (const each of [el, ...el.querySelectorAll("figure, table.numbers")]) each.classList.add("stale");
     moving.show(null);
     remember("setting", settingNow());
+    if (note.designs) {
+      const moving = knobs.filter((each) => each.stored.length > 1).map((each) => `${each.words} ${spoken(each.now, each.unit, system)}`);
+      tip.textContent = `Shown is the stored design with ${moving.join(", ")}.`;
+    }
     model.send({ type: "turn", id, tab, values: valuesNow(), ...choices });
   }
   const turned = () => {
@@ -194,7 +216,7 @@ function render({ model, el }) {
   function adopt({ values = {}, system: units }) {
     for (const knob of knobs) {
       const [key] = knob.keys;
-      if (Number.isFinite(values[key])) knob.now = Math.min(Math.max(values[key] * (knob.signs?.[key] ?? 1), knob.low), knob.high);
+      if (Number.isFinite(values[key])) knob.now = within(knob, values[key] * (knob.signs?.[key] ?? 1));
     }
     system = SYSTEMS[units] ? units : system;
     lay();
@@ -212,20 +234,26 @@ function render({ model, el }) {
   function lay() {
     const given = "the scene given";
     const from = (change) => open({ ...settingNow(), ...change });
+    const pasted = choices.psd ? ["pasted table"] : [];
     chosen.replaceChildren(
-      ...choice("preset", "scene", [given, ...note.presets], choices.preset ?? given, (name) => open({ preset: name === given ? null : name, system })),
-      ...(note.profiles.length ? choice("profile", "profile", [...(choices.psd ? ["pasted table"] : []), ...note.profiles], choices.psd ? "pasted table" : choices.profile, (name) => from({ profile: name, psd: null })) : []),
+      ...(note.designs ? [] : choice("preset", "scene", [given, ...note.presets], choices.preset ?? given,
+        (name) => open({ preset: name === given ? null : name, system }))),
+      ...(note.profiles.length ? choice("profile", "profile", [...pasted, ...note.profiles], pasted[0] ?? choices.profile,
+        (name) => from({ profile: name, psd: null })) : []),
       ...(note.laws.length > 1 ? choice("law", "stops", note.laws, choices.law, (name) => from({ law: name })) : []),
       ...choice("units", "units", Object.keys(SYSTEMS), system, (name) => { system = name; remember("setting", settingNow()); lay(); }),
     );
     paste.hidden = !note.takes_table;
-    const rows = (groups) => knobs.filter((each) => groups.includes(each.group)).map((each) => knobRow(each, () => system, turned, (words) => { tip.textContent = words; }));
+    const rows = (groups) => knobs.filter((each) => groups.includes(each.group))
+      .map((each) => knobRow(each, () => system, turned, (words) => { tip.textContent = words; }));
     const tolerances = rows(["tolerances"]);
     const opened = panel.querySelector("details")?.open ?? knobs.some((each) => each.group === "tolerances" && each.now > 0);
     panel.replaceChildren(...rows(["scene", "question"]));
     if (tolerances.length) panel.append(element("details", { open: opened }, element("summary", { textContent: "Tolerances" }), ...tolerances));
     moving.box.hidden = note.kind !== "pair";
-    away.querySelector(".buttons").replaceChildren(...note.offers.map((what) => button(FILES[what] ?? what, () => take(what))));
+    away.hidden = !note.offers.length;
+    const offer = (what) => button(FILES[what] ?? what, () => (what === "html" ? offerPage() : take(what)));
+    away.querySelector(".buttons").replaceChildren(...note.offers.map(offer));
     begin();
   }
 
@@ -245,11 +273,13 @@ function render({ model, el }) {
         method: "Dots are simulated with the stops, with 95 % intervals. Rice leaves the stops out; the closure is an approximation.",
       }),
       spectra: picture({
-        colours, title: "What shakes the base, and what the mount passes on", x: { words: "frequency", unit: "Hz", log: true }, y: { words: "acceleration density", unit: "(m/s2)2/Hz", log: true },
+        colours, title: "What shakes the base, and what the mount passes on",
+        x: { words: "frequency", unit: "Hz", log: true }, y: { words: "acceleration density", unit: "(m/s2)2/Hz", log: true },
         method: "Linear motion without stops, exact; impacts add to it.",
       }),
       stiffness: picture({
-        colours, title: "Peak acceleration over the stiffness of the stops", x: { words: "stiffness", unit: "N/m", log: true }, y: { words: "peak acceleration", unit: "m/s2" },
+        colours, title: "Peak acceleration over the stiffness of the stops",
+        x: { words: "stiffness", unit: "N/m", log: true }, y: { words: "peak acceleration", unit: "m/s2" },
         method: "Exceeded in the mission with the accepted probability; simulated with the stops, with 95 % intervals.",
       }),
       box: box(),
@@ -258,7 +288,8 @@ function render({ model, el }) {
         method: "Simulated; the band is the 95 % interval.",
       }),
       branches: picture({
-        colours, title: "Periodic motions about the frequency of the sine", x: { words: "frequency", unit: "Hz" }, y: { words: "amplitude", unit: "m" },
+        colours, title: "Periodic motions about the frequency of the sine",
+        x: { words: "frequency", unit: "Hz" }, y: { words: "amplitude", unit: "m" },
         method: "Exact motions between impacts, followed over frequency: where a stable one ends, the motion jumps.",
       }),
     };
@@ -287,53 +318,76 @@ function render({ model, el }) {
       if (!answer.curve) return null;
       const own = [colours.simulated, colours.closure, colours.answer, colours.three, colours.hit];
       const curves = curvesOf(answer.curve).map((each, i) => ({ ...each, colour: own[i % own.length] }));
-      if (answer.usual && curves.length === 1) curves.push({ name: "Rice", kind: "dashed", colour: colours.ink, x: answer.clearances, y: answer.usual });
-      if (pinned?.answer.curve) curves.push(...curvesOf(pinned.answer.curve).map(({ x, y }) => ({ name: "pinned", kind: "ghost", colour: colours.soft, x, y })));
-      const shownOf = (each) => ({ ...each, ...Object.fromEntries(["y", "low", "high"].filter((name) => each[name]).map((name) => [name, each[name].map((value) => (value > 1e-9 ? value : null))])) });
-      return { curves: curves.map(shownOf), marks: note.kind === "pair" ? marksOf(colours) : [], levels: [{ name: "accepted", kind: "dotted", colour: colours.answer, y: now("probability") }] };
+      if (answer.usual && curves.length === 1) curves.push(line("Rice", "dashed", colours.ink, answer.clearances, answer.usual));
+      if (pinned?.answer.curve) {
+        curves.push(...curvesOf(pinned.answer.curve).map(({ x, y }) => line("pinned", "ghost", colours.soft, x, y)));
+      }
+      const seen = (list) => list?.map((value) => (value > 1e-9 ? value : null));
+      return {
+        curves: curves.map((each) => ({ ...each, y: seen(each.y), low: seen(each.low), high: seen(each.high) })),
+        marks: note.kind === "pair" ? marksOf(colours) : [],
+        levels: [{ name: "accepted", kind: "dotted", colour: colours.answer, y: now("probability") }],
+      };
     },
     rate({ colours }) {
       if (!answer.rice || note.kind !== "pair") return null;
       const seen = (list) => list.map((value) => (value > 1e-5 ? value : null));
-      const curves = [{ name: "Rice", kind: "dashed", colour: colours.ink, x: answer.clearances, y: seen(answer.rice) }];
+      const curves = [line("Rice", "dashed", colours.ink, answer.clearances, seen(answer.rice))];
       const closed = answer.dots.filter((each) => each.closure);
       if (closed.length > 1) {
         const band = (end) => closed.map((each) => each.closure[end] ?? each.closure.value);
-        curves.push({ name: "closure", kind: "solid", colour: colours.closure, x: closed.map((each) => each.clearance), y: band("value"), low: band("low"), high: band("high") });
+        const places = closed.map((each) => each.clearance);
+        curves.push(line("closure", "solid", colours.closure, places, band("value"), { low: band("low"), high: band("high") }));
       }
       const ghost = pinned?.answer;
-      if (ghost?.rice) curves.push({ name: "pinned, Rice", kind: "ghost", colour: colours.soft, x: ghost.clearances, y: seen(ghost.rice) });
+      if (ghost?.rice) curves.push(line("pinned, Rice", "ghost", colours.soft, ghost.clearances, seen(ghost.rice)));
       const point = (x, each, large) => ({ x, y: each.value, low: each.low, high: each.high, large });
       const points = answer.dots.map((each) => point(each.clearance, each.simulated));
       const rate = answer.numbers["simulated impact rate"];
       if (rate) points.push(point(own(), rate, true));
       const dots = [{ name: "simulated", colour: colours.simulated, points }];
-      if (ghost?.numbers["simulated impact rate"]) dots.push({ name: "pinned, simulated", colour: colours.soft, points: [point(ghost.own, ghost.numbers["simulated impact rate"])] });
-      if (pinned?.confirmed) dots.push({ name: "pinned, confirmed", colour: colours.answer, points: [point(pinned.confirmed.clearance, pinned.confirmed.numbers[0], true)] });
+      const before = ghost?.numbers["simulated impact rate"], sure = pinned?.confirmed;
+      if (before) dots.push({ name: "pinned, simulated", colour: colours.soft, points: [point(ghost.own, before)] });
+      if (sure) dots.push({ name: "pinned, confirmed", colour: colours.answer, points: [point(sure.clearance, sure.numbers[0], true)] });
       return { curves, dots, marks: marksOf(colours) };
     },
     spectra({ colours }) {
       const found = answer.spectra;
       if (!found?.passed_density) return null;
-      const curves = [{ name: "base", kind: "dashed", colour: colours.ink, x: found.frequency_hz, y: found.base_density }, { name: "passed on", kind: "solid", colour: colours.simulated, x: found.frequency_hz, y: found.passed_density }];
+      const curves = [
+        line("base", "dashed", colours.ink, found.frequency_hz, found.base_density),
+        line("passed on", "solid", colours.simulated, found.frequency_hz, found.passed_density),
+      ];
       const ghost = pinned?.answer.spectra;
-      if (ghost) curves.push({ name: "pinned, passed on", kind: "ghost", colour: colours.soft, x: ghost.frequency_hz, y: ghost.passed_density });
+      if (ghost) curves.push(line("pinned, passed on", "ghost", colours.soft, ghost.frequency_hz, ghost.passed_density));
       return { curves };
     },
     stiffness({ colours }) {
       if (!answer.stiffness.length) return null;
-      return { curves: [], dots: [{ name: "simulated", colour: colours.simulated, points: answer.stiffness }], marks: [{ name: "your stops", kind: "solid", colour: colours.ink, x: now("impact_pair.0.law.stiffness") }] };
+      return {
+        curves: [], dots: [{ name: "simulated", colour: colours.simulated, points: answer.stiffness }],
+        marks: [{ name: "your stops", kind: "solid", colour: colours.ink, x: now("impact_pair.0.law.stiffness") }],
+      };
     },
     box: () => answer.box,
     absorbed({ colours }) {
       const found = answer.absorbed;
-      return found && { curves: [{ name: "rms ratio", kind: "solid", colour: colours.simulated, x: found.level_db, y: found.rms_ratio, low: found.rms_ratio_low, high: found.rms_ratio_high }], levels: [{ name: "without the absorber", kind: "dotted", colour: colours.ink, y: 1 }] };
+      const band = { low: found?.rms_ratio_low, high: found?.rms_ratio_high };
+      return found && {
+        curves: [line("rms ratio", "solid", colours.simulated, found.level_db, found.rms_ratio, band)],
+        levels: [{ name: "without the absorber", kind: "dotted", colour: colours.ink, y: 1 }],
+      };
     },
     branches({ colours }) {
       const found = answer.branches;
       if (!found) return null;
-      const points = (stable) => found.frequency_hz.map((x, i) => ({ x, y: found.amplitude[i], is: found.stable[i] > 0 && found.admissible[i] > 0 })).filter((each) => each.is === stable && each.y !== null);
-      return { curves: [], dots: [{ name: "stable", colour: colours.simulated, points: points(true) }, { name: "unstable", colour: colours.three, points: points(false) }] };
+      const points = found.frequency_hz.map((x, i) => ({ x, y: found.amplitude[i], stable: found.stable[i] > 0 && found.admissible[i] > 0 }))
+        .filter((each) => each.y !== null);
+      const marks = [{ name: "your sine", kind: "solid", colour: colours.ink, x: now("excitation.0.frequency_hz") }];
+      return { curves: [], marks, dots: [
+        { name: "stable", colour: colours.simulated, points: points.filter((each) => each.stable) },
+        { name: "unstable", colour: colours.three, points: points.filter((each) => !each.stable) },
+      ] };
     },
   };
 
@@ -359,7 +413,7 @@ function render({ model, el }) {
   function compare() {
     comparison.hidden = held.hidden = !pinned;
     cancel.hidden = share.hidden = confirming === null;
-    confirm.hidden = confirming !== null;
+    confirm.hidden = confirming !== null || note.designs > 0;
     confirm.disabled = !["pair", "box"].includes(note.kind);
     if (!pinned) return;
     const rows = [];
@@ -370,7 +424,10 @@ function render({ model, el }) {
     }
     for (const knob of knobs) {
       const [key] = knob.keys, before = pinned.setting.values[key] * (knob.signs?.[key] ?? 1);
-      if (Number.isFinite(before) && before !== knob.now) rows.push(row(knob.words, spoken(before, knob.unit, system), spoken(knob.now, knob.unit, system), knob.unit === "dB" || !before ? spoken(knob.now - before, knob.unit, system) : change(before, knob.now)));
+      if (!Number.isFinite(before) || before === knob.now) continue;
+      const said = (value) => spoken(value, knob.unit, system);
+      const changed = knob.unit === "dB" || !before ? said(knob.now - before) : change(before, knob.now);
+      rows.push(row(knob.words, said(before), said(knob.now), changed));
     }
     for (const [name, before] of Object.entries(pinned.answer.numbers)) {
       const found = answer.numbers[name];
@@ -395,10 +452,49 @@ function render({ model, el }) {
     about.textContent = words;
     paint();
   }
+  const said = (words) => taken.replaceChildren(element("p", { className: "state", textContent: words }));
   function take(what) {
+    offered = null;
     taking = count += 1;
-    taken.replaceChildren(element("p", { className: "state", textContent: "making it" }));
+    said("making it");
     model.send({ type: "take", id: taking, tab, what, values: valuesNow(), ...choices });
+  }
+  // a page that needs no Python: which knobs move in it, what that costs, and its making
+  function offerPage() {
+    const told = element("p", { className: "state" }), share = element("progress", { max: 1, value: 0, hidden: true });
+    told.setAttribute("role", "status");
+    share.setAttribute("aria-label", "progress of the file");
+    const usual = knobs.filter((each) => /clearance$|frequency_hz$|level_db$/.test(each.key)).slice(0, 3);
+    const marks = knobs.map((knob) => {
+      const mark = element("input", { type: "checkbox", checked: usual.length ? usual.includes(knob) : knob === knobs[0] });
+      mark.addEventListener("change", price);
+      return element("label", {}, mark, ` ${knob.words}`);
+    });
+    const [label, steps] = choice("steps", "values of each", ["3", "5", "7", "9"], "5", price);
+    const make = button("Make the file", () => {
+      ask("page");
+      share.hidden = stop.hidden = false;
+      make.disabled = true;
+    });
+    const stop = element("button", { type: "button", textContent: "Stop", hidden: true });
+    stop.addEventListener("click", () => { model.send({ type: "cancel", id: taking, tab }); price(); });
+    function ask(type) {
+      const moved = knobs.filter((_, i) => marks[i].firstChild.checked).map((each) => each.keys);
+      taking = count += 1;
+      model.send({ type, id: taking, tab, what: { knobs: moved, steps: Number(steps.value) }, values: valuesNow(), ...choices });
+    }
+    function price() {
+      told.textContent = "trying three designs for its time and size";
+      share.hidden = stop.hidden = make.disabled = true;
+      ask("price");
+    }
+    taken.replaceChildren(element("fieldset", {}, element("legend", { textContent: "Knobs that move in the file, three at most" }), ...marks),
+      element("div", { className: "buttons" }, label, steps, make, stop, share), told);
+    offered = {
+      say(words, ready) { told.textContent = words; make.disabled = !ready; },
+      at(done) { share.value = done; },
+    };
+    price();
   }
   function save({ name, media, text }) {
     const address = URL.createObjectURL(new Blob([text], { type: media }));
@@ -414,8 +510,9 @@ function render({ model, el }) {
     spectra: (message) => ({ spectra: message }),
     absorbed: (message) => ({ absorbed: message.table, sentence: message.sentence }),
     branches: (message) => ({ branches: message.table, sentence: message.sentence }),
-    linear: (message) => ({ three: message.three_sigma, clearances: message.clearances, rice: message.rice, usual: message.rice_probability, own: own() }),
-    risk: (message) => ({ curve: message.curve ?? message.shared, required: message.numbers.at(-1).value, sentence: message.sentence, lines: message.lines, box: message.box }),
+    linear: ({ three_sigma: three, clearances, rice, rice_probability: usual }) => ({ three, clearances, rice, usual, own: own() }),
+    risk: ({ curve, shared, numbers: found, sentence: said, lines, box: drawing }) => (
+      { curve: curve ?? shared, required: found.at(-1).value, sentence: said, lines, box: drawing }),
   };
   // what is no longer pale once a part is there
   const FRESH = { linear: () => pictures.rate.box, rate: () => results, motion: () => moving.box };
@@ -430,8 +527,9 @@ function render({ model, el }) {
       }
       choices = { preset: message.preset, profile: message.profile, law: message.law, psd: wanted.psd ?? null };
       if (choices.psd) choices.profile = null;
-      const units = { probability: "%" };
-      const written = [...message.knobs, ...message.tolerances].map((each) => ({ ...each, keys: [each.key], unit: units[each.key] ?? (each.group === "tolerances" && !each.unit ? "%" : each.unit) }));
+      const share = (each) => each.key === "probability" || (each.group === "tolerances" && !each.unit);
+      const written = [...message.knobs, ...message.tolerances]
+        .map((each) => ({ ...each, keys: [each.key], unit: share(each) ? "%" : each.unit }));
       knobs = toldApart(withClearances(written)).map((each) => ({ ...each, now: each.value }));
       heading.textContent = message.title || "stochvi explore";
       tip.textContent = "";
@@ -439,14 +537,23 @@ function render({ model, el }) {
       turn();
     },
     progress(message) {
+      if (message.id === taking && offered) {
+        offered.say(message.words, false);
+        offered.at(message.done);
+      }
       if (message.id !== confirming) return;
       share.value = message.done;
       about.textContent = message.words;
     },
+    priced({ id: of, designs, seconds, bytes }) {
+      const cost = `${designs} designs: up to ${spoken(seconds, "s", system, 2)} of computing, ${digits(bytes / 2 ** 20, 2)} MB`;
+      if (of === taking) offered?.say(cost, true);
+    },
     file(message) {
       if (message.id !== taking) return;
+      offered = null;
       if (!SHOWN.includes(message.media)) {
-        taken.replaceChildren(element("p", { className: "state", textContent: `${message.name} is saved, ${Math.ceil(message.text.length / 1024)} kB` }));
+        said(`${message.name} is saved, ${Math.ceil(message.text.length / 1024)} kB`);
         save(message);
         return;
       }
@@ -464,6 +571,7 @@ function render({ model, el }) {
         return;
       }
       if (message.id !== id) return;
+      if (message.short) answer.missing = message.short; // shown as far as it got, and why
       if (message.missing) {
         answer.missing = message.missing;
         state.textContent = message.missing;
@@ -477,7 +585,9 @@ function render({ model, el }) {
       Object.assign(answer, TAKEN[message.part]?.(message));
       if (message.part === "motion") moving.show(message.path);
       if (message.part === "dot") answer.dots.push(message);
-      if (message.part === "stiffness") answer.stiffness = message.peaks.map(({ value, low, high }, i) => ({ x: message.stiffness[i], y: value, low, high }));
+      if (message.part === "stiffness") {
+        answer.stiffness = message.peaks.map(({ value, low, high }, i) => ({ x: message.stiffness[i], y: value, low, high }));
+      }
       if (message.box) pictures.box.box.classList.remove("stale");
       if (message.part === "risk") el.classList.remove("stale");
       FRESH[message.part]?.().classList.remove("stale");
@@ -488,19 +598,21 @@ function render({ model, el }) {
       el.dispatchEvent(new CustomEvent("painted", { detail: { ...message, milliseconds: performance.now() - asked } }));
     },
     done(message) {
-      if (message.id === confirming) confirmed(pinned?.confirmed ? "confirmed" : "cancelled");
+      if (message.id === confirming) confirmed(pinned?.confirmed ? pinned.confirmed.short ?? "confirmed" : "cancelled");
       if (message.id !== id) return;
       answer.kept = {};
       for (const each of [el, ...el.querySelectorAll(".stale")]) each.classList.remove("stale");
       paint();
-      state.textContent = answer.missing ?? `all known, ${digits((performance.now() - asked) / 1e3)} s after the turn`;
+      const known = note.designs ? `computed before: this file holds ${note.designs} designs, and its knobs move from one to the next`
+        : `all known, ${digits((performance.now() - asked) / 1e3)} s after the turn`;
+      state.textContent = answer.missing ?? known;
     },
     refused(message) {
       if (message.id === 0 && note) { // a choice: the one before it stays
         tip.textContent = message.sentence;
         lay();
       } else if (message.id === confirming && confirming !== null) confirmed(message.sentence);
-      else if (message.id === taking && taking !== null) taken.replaceChildren(element("p", { className: "state", textContent: message.sentence }));
+      else if (message.id === taking && taking !== null) (offered?.say ?? said)(message.sentence, false);
       else if (!message.id || message.id === id) {
         state.textContent = message.sentence;
         silence(); // what the turn before said does not hold here
@@ -533,5 +645,3 @@ function render({ model, el }) {
     dark.removeEventListener("change", begin);
   };
 }
-
-export default { render };

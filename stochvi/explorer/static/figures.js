@@ -57,6 +57,9 @@ export function inUnits(sentence, system) {
   return sentence.replace(/(\d[\d.e+-]*) mm\b/g, (_, length) => `${digits((length * factor) / 1e3, 4)} ${unit}`);
 }
 
+// the place in a list of the number that is nearest to a value
+export const nearest = (list, value) => list.reduce((best, each, i) => (Math.abs(each - value) < Math.abs(list[best] - value) ? i : best), 0);
+
 export function element(tag, attributes = {}, ...inside) {
   const made = Object.assign(document.createElement(tag), attributes);
   made.append(...inside);

@@ -7,14 +7,16 @@ const LIT = 250; // ms for which a stop stays lit
 const HEIGHT = 150, MASS = 56, ROOM = 1.12;
 const SIGNS = { lower: -1, upper: 1 };
 
-// `stops()`: {lower, upper} in m; `range(side)`: ends of a stop in m; `move(side, place)` is told a drag
+// `stops()`: {lower, upper} in m; `range(side)`: ends of a stop in m; `move(side, place, way)` is told a drag,
+// or steps of the keyboard
 export function motion({ stops, range, move, system }) {
   const svg = drawn("svg", { class: "motion", role: "group", "aria-label": "The mass between its stops" });
   const pause = element("button", { type: "button" });
   const caption = element("figcaption");
   const box = element("figure", { className: "moving" }, element("div", { className: "heading" }, caption, pause), svg);
   const still = matchMedia("(prefers-reduced-motion: reduce)");
-  let path = null, marks = [], width = 900, time = 0, last = performance.now(), paused = still.matches, parts = {}, held = false, lit = {}, reach = 1, hits = 0, before = -1;
+  let path = null, time = 0, last = performance.now(), paused = still.matches, lit = {}, hits = 0, before = -1;
+  let marks = [], parts = {}, width = 900, reach = 1, held = false;
 
   const floor = HEIGHT - 40;
   const at = (x) => width / 2 + (x / reach) * (width / 2 - MASS / 2 - 40);
@@ -34,7 +36,7 @@ export function motion({ stops, range, move, system }) {
     marks.forEach(({ at: place, name, kind }, i) => [-1, 1].forEach((sign) => {
       const x = at(sign * place) + (sign * MASS) / 2;
       if (sign < 0 && now.lower === undefined) return;
-      svg.append(drawn("line", { class: `mark ${kind}`, x1: x, x2: x, y1: 12, y2: floor + 4 }));
+      svg.append(drawn("line", { class: `mark ${kind}`, x1: x, x2: x, y1: 22, y2: floor + 4 }));
       if (sign > 0) {
         const label = drawn("text", { class: kind, x: Math.min(x, width - 4), y: rows[i % 3], "text-anchor": x > width - 150 ? "end" : "middle" });
         label.append(`${name}, ${spoken(place, "m", system())}`);
@@ -58,7 +60,7 @@ export function motion({ stops, range, move, system }) {
       "aria-orientation": "horizontal", "aria-valuemin": low, "aria-valuemax": high, "aria-valuenow": x,
       "aria-valuetext": spoken(x, "m", system()), transform: `translate(${face(side, x)} 0)`,
     }, drawn("rect", { class: "grip", x: -18, y: 4, width: 36, height: floor }), line, name);
-    const set = (to) => move(side, Math.min(Math.max(to, low), high));
+    const set = (to, way) => move(side, Math.min(Math.max(to, low), high), way);
     handle.addEventListener("pointerdown", (event) => {
       event.preventDefault();
       handle.focus();
@@ -73,7 +75,7 @@ export function motion({ stops, range, move, system }) {
       const way = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -10, PageUp: 10 }[event.key];
       if (!way) return;
       event.preventDefault();
-      set(stops()[side] + (way * (high - low)) / 200);
+      set(stops()[side] + (way * (high - low)) / 200, way);
     });
     parts[side] = Object.assign(handle, { line });
     return handle;

@@ -1,7 +1,7 @@
 // The browser's side of the protocol: what a notebook's kernel is for `explore.js`, over fetch.
 // The setting of the knobs lives in the history of the tab, so that back, forward and a reload find
 // it; the pinned design in the storage of the tab. Neither leaves the browser, nor has the token.
-import explore from "./explore.js";
+import { render } from "./explore.js";
 
 const PAUSE = 1000; // ms after which a change of the setting is a step of the history
 const token = location.hash.slice(1);
@@ -74,4 +74,4 @@ addEventListener("hashchange", () => location.reload()); // another token
   tell("msg:custom", { type: "ended" });
 })();
 
-explore.render({ model, el: document.getElementById("explore") });
+render({ model, el: document.getElementById("explore") });

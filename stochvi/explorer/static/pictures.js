@@ -1,5 +1,5 @@
 // Pictures of curves, dots with their intervals, and marked places, over one axis.
-import { SYSTEMS, digits, drawn, element, unitOf } from "./figures.js";
+import { SYSTEMS, digits, drawn, element, nearest, unitOf } from "./figures.js";
 
 const HEIGHT = 270;
 const DASHES = { solid: [], dashed: [8, 5], dotted: [2, 4], ghost: [10, 4, 2, 4] };
@@ -46,10 +46,11 @@ export function picture({ title, method, x, y, colours }) {
   plot.setAttribute("aria-label", `${title}; its numbers are in the tables`);
   const legend = element("ul", { className: "legend" });
   const read = element("p", { className: "read" });
-  const box = element("figure", {}, element("figcaption", {}, element("strong", { textContent: title }), element("span", { textContent: method })), plot, legend, read);
+  const caption = element("figcaption", {}, element("strong", { textContent: title }), element("span", { textContent: method }));
+  const box = element("figure", {}, caption, plot, legend, read);
   let chart = null, shown = null, lines = [], system = null, scales = [1, 1];
 
-  function stroke(u, { colour, kind }, from, to, name) {
+  function stroke(u, { colour, kind }, from, to, name, above = 0) {
     const { ctx } = u, ratio = devicePixelRatio;
     ctx.save();
     ctx.strokeStyle = ctx.fillStyle = colour;
@@ -60,7 +61,8 @@ export function picture({ title, method, x, y, colours }) {
     ctx.lineTo(...to);
     ctx.stroke();
     if (name) {
-      ctx.translate(to[0] - 3 * ratio, to[1] - 6 * ratio);
+      const aside = to[0] < u.bbox.left + 16 * ratio ? 17 : -3; // not over the numbers of the axis
+      ctx.translate(to[0] + aside * ratio, to[1] - 6 * ratio - above);
       ctx.rotate(-Math.PI / 2);
       ctx.font = `${12 * ratio}px system-ui, sans-serif`;
       ctx.textBaseline = "bottom";
@@ -74,9 +76,12 @@ export function picture({ title, method, x, y, colours }) {
     const { left, top, width, height } = u.bbox, ratio = devicePixelRatio;
     const px = (value) => u.valToPos(value * scales[0], "x", true), py = (value) => u.valToPos(value * scales[1], "y", true);
     for (const level of shown.levels ?? []) stroke(u, level, [left, py(level.y)], [left + width, py(level.y)]);
+    const named = []; // of two names that would stand in each other one stands above
     for (const mark of shown.marks ?? []) {
-      const at = px(mark.x);
-      if (at > left - 1 && at <= left + width) stroke(u, mark, [at, top], [at, top + height], mark.name);
+      const at = px(mark.x), above = named.filter((each) => Math.abs(each - at) < 16 * ratio).length;
+      if (!(at > left - 1 && at <= left + width)) continue;
+      stroke(u, mark, [at, top], [at, top + height], mark.name, above * 80 * ratio);
+      named.push(at);
     }
     for (const { colour, points } of shown.dots ?? []) {
       for (const each of points) {
@@ -105,17 +110,22 @@ export function picture({ title, method, x, y, colours }) {
   function all(name) {
     const list = shown.curves.flatMap((each) => [...each[name], ...(name === "y" ? each.high ?? [] : [])]);
     for (const { points } of shown.dots ?? []) for (const each of points) list.push(each[name], ...(name === "y" ? [each.low, each.high] : []));
+    if (name === "x") list.push(...(shown.marks ?? []).map((each) => each.x).filter((each) => each < 1.5 * Math.max(...list)));
     if (name === "y" && !y.log) list.push(...(shown.levels ?? []).map((each) => each.y));
     return list.map((each) => each * scales[name === "x" ? 0 : 1]);
   }
 
   function options() {
-    const axis = { stroke: colours.ink, grid: { stroke: colours.line, width: 1 }, ticks: { stroke: colours.line }, font: "12px system-ui, sans-serif", labelFont: "13px system-ui, sans-serif" };
+    const axis = {
+      stroke: colours.ink, grid: { stroke: colours.line, width: 1 }, ticks: { stroke: colours.line },
+      font: "12px system-ui, sans-serif", labelFont: "13px system-ui, sans-serif",
+    };
     const logs = { splits: decades, filter: (_, places) => places, values: (_, places) => places.map(power) };
     const label = ({ words, unit }) => [words, SYSTEMS[system][unit]?.[1] ?? unit].filter(Boolean).join(", ");
     const bands = [], series = [{}];
     for (const each of shown.curves) {
-      series.push({ stroke: each.colour, width: each.kind === "ghost" ? 1.5 : 2.5, dash: DASHES[each.kind].map((length) => length * devicePixelRatio), spanGaps: true, points: { show: false } });
+      const dash = DASHES[each.kind].map((length) => length * devicePixelRatio);
+      series.push({ stroke: each.colour, width: each.kind === "ghost" ? 1.5 : 2.5, dash, spanGaps: true, points: { show: false } });
       if (!each.low) continue;
       bands.push({ series: [series.length + 1, series.length], fill: `${each.colour}40` });
       for (let i = 0; i < 2; i += 1) series.push({ stroke: `${each.colour}70`, width: 1, spanGaps: true, points: { show: false } });
@@ -123,7 +133,10 @@ export function picture({ title, method, x, y, colours }) {
     return {
       width: size(), height: HEIGHT, legend: { show: false }, series, bands,
       cursor: { drag: { x: false, y: false }, points: { show: false }, y: false },
-      scales: { x: { time: false, distr: x.log ? 3 : 1, range: () => ends(all("x"), x.log) }, y: { distr: y.log ? 3 : 1, range: () => ends(all("y"), y.log, true) } },
+      scales: {
+        x: { time: false, distr: x.log ? 3 : 1, range: () => ends(all("x"), x.log) },
+        y: { distr: y.log ? 3 : 1, range: () => ends(all("y"), y.log, true) },
+      },
       axes: [
         { ...axis, ...(x.log && logs), label: label(x), labelSize: 22, size: 32 },
         { ...axis, ...(y.log && logs), label: label(y), labelSize: 22, size: 58 },
@@ -138,11 +151,10 @@ export function picture({ title, method, x, y, colours }) {
   function tell(u) {
     const i = u.cursor.idx;
     if (i === null || i === undefined) return;
-    const near = (each) => each.x.reduce((best, place, j) => (Math.abs(place - place0) < Math.abs(each.x[best] - place0) ? j : best), 0);
-    const place0 = u.data[0][i] / scales[0];
-    const [factor, unit] = unitOf(x.unit, system, place0);
-    const values = shown.curves.filter((each) => each.kind !== "ghost").map((each) => `${each.name} ${digits(each.y[near(each)] ?? 0)}`);
-    read.textContent = `at ${digits(place0 * factor)} ${unit}: ${values.join("; ")}`;
+    const place = u.data[0][i] / scales[0];
+    const [factor, unit] = unitOf(x.unit, system, place);
+    const values = shown.curves.filter((each) => each.kind !== "ghost").map((each) => `${each.name} ${digits(each.y[nearest(each.x, place)] ?? 0)}`);
+    read.textContent = `at ${digits(place * factor)} ${unit}: ${values.join("; ")}`;
   }
 
   return {
@@ -152,8 +164,10 @@ export function picture({ title, method, x, y, colours }) {
       system = units;
       scales = [x, y].map(({ unit }) => SYSTEMS[system][unit]?.[0] ?? 1);
       const drawable = shown.curves.map((each) => {
-        const scaled = (row) => row?.map((value) => (value === null || (y.log && !(value > 0)) ? null : value * scales[1]));
-        return { ...each, x: each.x.map((value) => value * scales[0]), y: scaled(each.y), low: scaled(each.low), high: scaled(each.high) };
+        // an interval that reaches 0 goes to the lower end of a logarithmic axis
+        const scaled = (row, least = null) => row?.map((value) => (value === null || (y.log && !(value > 0)) ? least : value * scales[1]));
+        const [low, high] = [scaled(each.low, 1e-30), scaled(each.high)];
+        return { ...each, x: each.x.map((value) => value * scales[0]), y: scaled(each.y), low, high };
       });
       const [places, rows] = table(drawable);
       const kinds = JSON.stringify([system, shown.curves.map((each) => [each.name, each.colour, !!each.low])]);
@@ -163,7 +177,8 @@ export function picture({ title, method, x, y, colours }) {
         chart = new uPlot(options(), [places, ...rows], plot);
         lines = kinds;
       } else chart.setData([places, ...rows]);
-      const named = [...shown.curves, ...(shown.dots ?? []).map((each) => ({ ...each, kind: "dots" })), ...(shown.levels ?? []), ...(shown.marks ?? [])];
+      const dots = (shown.dots ?? []).map((each) => ({ ...each, kind: "dots" }));
+      const named = [...shown.curves, ...dots, ...(shown.levels ?? []), ...(shown.marks ?? [])];
       legend.replaceChildren(...named.map((each) => element("li", {}, swatch(each), each.name)));
     },
     fit() { chart?.setSize({ width: size(), height: HEIGHT }); },
