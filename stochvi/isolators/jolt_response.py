@@ -355,9 +355,10 @@ LESS_WORK = "raise budget, or ask for fewer paths, fewer perturbations or a shor
 
 
 class Throw(Protocol):
-    """Impacts of paths (windows, 2, paths) on the lower and the upper stop in each window, after a
-    perturbation of that speed, m/s, at random phases. What it calls with the share that is done may
-    raise `GivenUp`."""
+    """Impacts of paths (windows, 2, paths) on the lower and the upper stop in each window.
+
+    They follow a perturbation of that speed, m/s, at random phases. What it calls with the share
+    that is done may raise `GivenUp`."""
 
     def __call__(
         self, speed: float, paths: int, seed: int, windows: int, report: Callable[[float], None]
@@ -430,7 +431,7 @@ class Flown:
 
 def _kick(model: Model) -> Vector:
     """Change of the velocities by a perturbation of speed 1: all that a moving base carries gets it
-    relative to the base, else it is that of an impulse on the reduced mass of the gap."""
+    relative to the base. Else it is that of an impulse on the reduced mass of the gap."""
     if model.moving_base:
         return np.asarray(next(iter(model.base.values())), float)
     pair = model.pairs[0]

@@ -370,8 +370,8 @@ class Shocks:
         return np.concatenate(states), np.concatenate(weights)
 
     def _ages(self, shares: Vector) -> tuple[Vector, Vector]:
-        """Ages of shocks at quantiles of a density that is half even, and half in proportion to the
-        squared motion at that age, of what the shocks move; and the even density over it."""
+        """Ages of shocks at quantiles of a density; and the even density over it. The density is
+        half even, and half in proportion to the squared motion at that age."""
         ends = np.append(self.step * np.arange(self.responses.shape[1]), self.window)
         moved = self.reach > STILL * self.reach.max()
         squares = np.sum((self.responses[moved, :, 0] / self.reach[moved, None]) ** 2, axis=0)
