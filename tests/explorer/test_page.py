@@ -272,7 +272,9 @@ def test_another_law_has_other_knobs(page: Any) -> None:
 
 
 def test_a_box_is_drawn_with_the_risk_of_its_corners(page: Any) -> None:
+    page.click("text=Page without Python")
     turned_by(page, lambda: page.select_option("#preset", "box on four mounts"))
+    assert page.locator("fieldset").count() == 0  # it had the knobs of another scene
     assert page.locator("svg.box circle").count() == 3
     assert page.locator("svg.box rect").count() == 4
     assert "corner 2, 100 %" in page.text_content("svg.box")

@@ -1,7 +1,7 @@
 // A box with its mounts and snubbers, seen at an angle; a snubber has the colour of its risk.
 import { drawn, element } from "./figures.js";
 
-const WIDTH = 560, HEIGHT = 240, EDGE = 165;
+const WIDTH = 560, HEIGHT = 240, EDGE = 182;
 const shares = (value) => (value > 0.9995 ? "100 %" : value < 1e-6 ? "under 1e-4 %" : `${Number((100 * value).toPrecision(2))} %`);
 
 // places of the drawing of points [x, y, z]: x to the right, y into the depth, z upwards

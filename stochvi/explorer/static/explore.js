@@ -530,7 +530,12 @@ export function render({ model, el }) {
       const share = (each) => each.key === "probability" || (each.group === "tolerances" && !each.unit);
       const written = [...message.knobs, ...message.tolerances]
         .map((each) => ({ ...each, keys: [each.key], unit: share(each) ? "%" : each.unit }));
+      const before = String(knobs.map((each) => each.key));
       knobs = toldApart(withClearances(written)).map((each) => ({ ...each, now: each.value }));
+      if (before !== String(knobs.map((each) => each.key))) { // what is offered is of other knobs
+        taken.replaceChildren();
+        offered = null;
+      }
       heading.textContent = message.title || "stochvi explore";
       tip.textContent = "";
       adopt(wanted);
