@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Unpack
 
@@ -33,6 +33,7 @@ from stochvi.isolators.tolerances import (
     CENTRE,
     PER_RESONANCE,
     Change,
+    Changes,
     Region,
     Spread,
     Tolerances,
@@ -48,7 +49,7 @@ from stochvi.mathematics.units import LENGTH, outside_of_share, spoken_mission
 from stochvi.model.model import model_of
 from stochvi.results.base import DataFrame, Result, frame_of
 from stochvi.results.deadline import Deadline
-from stochvi.results.errors import NotApplicable
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import (
     GAUSSIAN_95,
     Estimate,
@@ -106,10 +107,12 @@ class Production(Result):
         share does not exceed. `clearance` is where such units would have the target themselves (m,
         the largest of the sized pairs).
     tolerances
-        One row per spread quantity, `tolerance` in words. Where it is as its mean, the production
-        needs less by `clearance_cost` for the same mean risk (m, the largest of the sized pairs).
+        One row per spread quantity and per tolerance of `allowed`, `tolerance` in words. Where it
+        is as its mean, or as stated, the production needs less by `clearance_cost` for the same
+        mean risk (m, the largest of the sized pairs; NaN where the budget ended before).
         `first_order` and `total` are its shares of the variance of the clearance that a unit needs,
-        with their standard errors `first_order_error` and `total_error`.
+        with their standard errors `first_order_error` and `total_error`; NaN for `allowed`, in
+        which units do not differ.
     simulated
         One row per unit that was simulated: its amounts, its probability by linear theory
         (`linear`), and by first crossings (`probability`, `standard_error`).
@@ -174,15 +177,16 @@ class Production(Result):
 
     def dearest(self) -> str:
         """The tolerance that costs the most clearance, in a sentence; empty where none costs any:
-        there are none, or nearly every unit is hit."""
-        if not len(self.tolerances) or not self.tolerances["clearance_cost"].max() > 0.0:
+        there are none, nearly every unit is hit, or the cost of one is not known."""
+        costs = self.tolerances["clearance_cost"] if len(self.tolerances) else []
+        if not len(costs) or not np.max(costs) > 0.0:
             return ""
-        row = self.tolerances.iloc[int(self.tolerances["clearance_cost"].argmax())]
-        return (
-            f"{row['tolerance']} costs the most clearance: "
-            f"{LENGTH.text(row['clearance_cost'], '.3g')}, and {100.0 * row['total']:.3g} % of the "
-            "variance between units"
-        )
+        row = self.tolerances.iloc[int(np.argmax(costs))]
+        cost = f"{row['tolerance']} costs the most clearance: "
+        cost += LENGTH.text(row["clearance_cost"], ".3g")
+        if math.isnan(row["total"]):
+            return cost
+        return f"{cost}, and {100.0 * row['total']:.3g} % of the variance between units"
 
     def to_frame(self) -> DataFrame:
         """The tolerances, and the clearance that each costs."""
@@ -839,12 +843,12 @@ class _Job:
         scene = self.start.scene
         self.nominal = Region(scene, self.tolerances)
         self.stated = self._one(self.nominal.nominal)
-        base = scene
+        self.worst: Changes = ()
         if self.tolerances != Tolerances():
-            ((_, changes),) = self.nominal.worst(
+            ((_, self.worst),) = self.nominal.worst(
                 lambda gaps: self._one(gaps).rice(self.start.stops), self.run.deadline
             )
-            base = all_applied(changes, scene)
+        base = all_applied(self.worst, scene)
         aim = self.start.chance if self.start.target is None else self.start.target
         self.units = Units(
             scene=base, spreads=self.spreads, mean=self.nominal.nominal.mean,
@@ -1190,26 +1194,49 @@ class _Job:
         if not self.spreads:
             return frame_of()
         columns = [tolerance for tolerance, _ in self.units.columns]
-        most, without, mixed = float(self.largest(shift)), [], []
+        words, without, mixed = list[str](), list[float](), []
         for name, spread in self.spreads.items():
             own = np.array([each == name for each in columns])
             mean = float(spread.distribution(name).mean())
-            pool = self._gaps(np.where(own, mean, self.amounts))
-            kept = self.solved(self.correction.value, pool, self.lifted(pool), self.kept)
-            without.append(float(self.largest(kept)))
+            words.append(spread.in_words(name))
+            without.append(self._enough(self._gaps(np.where(own, mean, self.amounts))))
             mixed.append([self._needs(np.where(own, b, a)) for a, b in map(_pair, self.sequences)])
-        table = {
-            "tolerance": [each.in_words(name) for name, each in self.spreads.items()],
-            "clearance_cost": [most - each for each in without],
-        }
+        for limit, pool in self._without_limits():
+            words.append(limit)
+            without.append(math.nan if pool is None else self._enough(pool))
+        most = float(self.largest(shift))
+        table = {"tolerance": words, "clearance_cost": [most - each for each in without]}
         # (sequences, spreads) of either kind of share
         found = [self._shares(number, each) for number, each in enumerate(zip(*mixed, strict=True))]
+        unknown = [math.nan] * (len(words) - len(self.spreads))
         for name, shares in zip(("first_order", "total"), np.swapaxes(found, 0, 1), strict=True):
             table |= {
-                name: shares.mean(axis=0).tolist(),
-                f"{name}_error": [_deviation(each) for each in shares.T],
+                name: shares.mean(axis=0).tolist() + unknown,
+                f"{name}_error": [_deviation(each) for each in shares.T] + unknown,
             }
         return frame_of(table)
+
+    def _enough(self, pool: UnitGaps) -> float:
+        """The clearance that other units need for the same mean risk, m."""
+        kept = self.solved(self.correction.value, pool, self.lifted(pool), self.kept)
+        return float(self.largest(kept))
+
+    def _without_limits(self) -> Iterator[tuple[str, UnitGaps | None]]:
+        """Each tolerance that is no distribution, in words, and the units where it alone is as
+        stated; None where the budget ended before their motion was solved."""
+        for each in fields(self.tolerances):
+            if not (limit := getattr(self.tolerances, each.name)):
+                continue
+            one = Tolerances(**{each.name: limit})
+            others = [change for change in self.worst if change.quantity not in one.limits()]
+            scene = all_applied(others, self.start.scene)
+            units = replace(self.units, scene=scene, surfaces=[])
+            try:
+                units.solve(self.run.deadline)
+            except (Interrupted, NotConverged):
+                yield one.in_words(), None
+            else:
+                yield one.in_words(), units.gaps(self.amounts)
 
     def _shares(self, number: int, mixed: Sequence[Vector]) -> tuple[Vector, Vector]:
         """Shares of each spread quantity in the variance of the clearance that a unit needs, alone

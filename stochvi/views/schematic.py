@@ -607,20 +607,27 @@ def _spring_in_words(scene: Scene) -> tuple[str, str]:
     structure = scene.structure
     if not isinstance(structure, Oscillator):
         return "spring", "damper"
+    spring, damper = mount_in_words(structure)
+    if structure.in_parallel == 1:
+        return spring, damper
+    times = f"{structure.in_parallel} x "
+    return times + spring, damper if structure.damping is None else times + damper
+
+
+def mount_in_words(structure: Oscillator) -> tuple[str, str]:
+    """The spring and the damper of one mount, each by the key that states it."""
     if structure.frequency_hz is not None:
-        return f"{structure.frequency_hz:g} Hz", _damper_in_words(structure)
-    times = f"{structure.in_parallel} x " if structure.in_parallel > 1 else ""
-    spring = f"{times}{structure.stiffness:g} N/m"
-    if structure.damping is None:
-        return spring, _damper_in_words(structure)
-    return spring, f"{times}{structure.damping:g} N s/m"
-
-
-def _damper_in_words(structure: Oscillator) -> str:
-    """The damping of a natural frequency, by the key that states it."""
-    if structure.loss_factor is not None:
-        return f"loss factor {structure.loss_factor:g}"
-    return f"zeta {structure.zeta:g}" if structure.Q is None else f"Q {structure.Q:g}"
+        spring = f"{structure.frequency_hz:g} Hz"
+    else:
+        spring = f"{structure.stiffness:g} N/m"
+    for value, words in (
+        (structure.damping, "{:g} N s/m"),
+        (structure.loss_factor, "loss factor {:g}"),
+        (structure.Q, "Q {:g}"),
+    ):
+        if value is not None:
+            return spring, words.format(value)
+    return spring, f"zeta {structure.zeta:g}"
 
 
 def _draw_stops(ax: Axes, pair: ImpactPair, heights: Mapping[float, float], bottom: float) -> None:

@@ -553,7 +553,7 @@ def plot_costs(found: Production, ax: Axes | None = None) -> Axes:
     costs = found.tolerances["clearance_cost"]
     # a number stays with its sign and unit
     names = [each.replace("± ", "±") for each in found.tolerances["tolerance"]]
-    words = Scale("clearance that it costs", length_of(float(np.max(np.abs(costs)))))
+    words = Scale("clearance that it costs", length_of(float(np.nanmax(np.abs(costs)))))
     chart = listed(ax, [textwrap.fill(each, LABEL_WIDTH) for each in names], words, 0.4)
     for row, cost in enumerate(costs):
         chart.bar(row, 0.0, cost, None, "linearise:force")

@@ -447,6 +447,21 @@ def test_sag_moves_the_stops_and_is_told(sizing: Sizing, reviewed: Review) -> No
     assert "for information" in remark
 
 
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"damping": 97.0}, "35000 N/m and 97 N s/m each"),
+        ({"zeta": 0.12}, "35000 N/m and zeta 0.12 each"),
+        ({"Q": 4.0}, "35000 N/m and Q 4 each"),
+        ({"loss_factor": 0.24}, "35000 N/m and loss factor 0.24 each"),
+    ],
+)
+def test_mounts_are_told_by_the_keys_that_state_them(keys: dict[str, float], words: str) -> None:
+    mount = Isolator(mass=35.0, mounts=6, stiffness=35e3, **keys)
+    value, remark = facts(mount_section(review_of(structure=mount)))["Mounts side by side"]
+    assert (value, remark) == ("6", words)
+
+
 @pytest.mark.usefixtures("blank_pictures")
 @pytest.mark.parametrize(("contradicts", "judged"), [(True, True), (False, False), (False, True)])
 def test_a_record_that_does_not_agree_has_the_first_card(

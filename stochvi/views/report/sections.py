@@ -28,6 +28,7 @@ from stochvi.views.pages import Fact, Grid, Picture, Section
 from stochvi.views.schematic import (
     draw_gaps,
     draw_problem,
+    mount_in_words,
     plot_box,
 )
 from stochvi.views.sizing import plot_input
@@ -246,13 +247,8 @@ def mount_section(review: Review) -> Section:
         facts.append(Fact("Mass", f"{structure.mass:.4g} kg"))
     if isinstance(structure, Isolator) and found.static_sag is not None:
         if structure.mounts is not None:
-            facts.append(
-                Fact(
-                    "Mounts side by side",
-                    f"{structure.mounts}",
-                    f"{structure.stiffness:g} N/m and {structure.damping:g} N s/m each",
-                )
-            )
+            each = " and ".join(mount_in_words(structure))
+            facts.append(Fact("Mounts side by side", f"{structure.mounts}", f"{each} each"))
         counted = (
             "counted: gravity pulls towards negative x"
             if structure.gravity
