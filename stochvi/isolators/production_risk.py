@@ -178,10 +178,9 @@ class Production(Result):
     def dearest(self) -> str:
         """The tolerance that costs the most clearance, in a sentence; empty where none costs any:
         there are none, nearly every unit is hit, or the cost of one is not known."""
-        costs = self.tolerances["clearance_cost"] if len(self.tolerances) else []
-        if not len(costs) or not np.max(costs) > 0.0:
+        if not len(self.tolerances) or not np.max(self.tolerances["clearance_cost"]) > 0.0:
             return ""
-        row = self.tolerances.iloc[int(np.argmax(costs))]
+        row = self.tolerances.iloc[int(self.tolerances["clearance_cost"].argmax())]
         cost = f"{row['tolerance']} costs the most clearance: "
         cost += LENGTH.text(row["clearance_cost"], ".3g")
         if math.isnan(row["total"]):

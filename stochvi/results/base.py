@@ -502,7 +502,8 @@ class Result:
         Time and number of paths that the answer took.
     provenance
         Data to compute the answer again: versions, processor, seed, the scene, and in `call` the
-        function with its arguments, the date and, of a checkout, the commit.
+        function with its arguments, the date and, of a checkout, the commit. `budget_decided` is
+        there where the clock ended a part: another run may then have other last digits.
     interrupted
         Whether Ctrl-C ended the calculation: the answer then holds the results up to that moment.
     """

@@ -203,6 +203,10 @@ SHORTEST_BUDGET = 1e-3
 _heard = [0]
 """Number of times that Ctrl-C has ended calculations in this process, as the only entry."""
 
+_late = [0]
+"""Number of times that a deadline was found to be over by the clock in this process, or a
+calculation was cut short by it, as the only entry."""
+
 _heeded_from: list[int] = []
 """Value of `_heard` when `graceful_interrupt` was entered, as the only entry; empty outside it."""
 
@@ -239,6 +243,17 @@ def start_clock() -> None:
     since = _stands_still_since.pop()
     if not _stands_still_since:
         _stood_still[0] += time.time() - since
+
+
+def clock_decides() -> None:
+    """Count that the clock ends a calculation or leaves out a part of it: another run, on a faster
+    or slower machine, may then have other digits."""
+    _late[0] += 1
+
+
+def decisions_of_the_clock() -> int:
+    """How often the clock has decided in this process."""
+    return _late[0]
 
 
 class Overdue(KeyboardInterrupt):
@@ -296,7 +311,12 @@ class Deadline:
 
     def passed(self) -> bool:
         """Whether the moment is over, or Ctrl-C was heard."""
-        return self.interrupted or time.time() >= self.due
+        if self.interrupted:
+            return True
+        late = time.time() >= self.due
+        if late:
+            clock_decides()
+        return late
 
     def passed_by(self, seconds: float) -> bool:
         """Whether the moment is over for so many seconds, or Ctrl-C was heard."""

@@ -121,6 +121,8 @@ class Origin:
     version, libraries, seed
         Version of stochvi, versions of the libraries on which the digits depend, and seed of the
         random numbers.
+    repeatable
+        Whether these give the same digits again: the clock ended no part of the calculation.
     command
         The command line; empty if a Python program made the report.
     listing
@@ -136,6 +138,7 @@ class Origin:
     version: str
     libraries: Mapping[str, str] = field(default_factory=dict)
     seed: int | None = None
+    repeatable: bool = True
     command: str = ""
     listing: str = ""
     files: tuple[InputFile, ...] = ()
@@ -151,6 +154,7 @@ def origin_of(provenance: Mapping[str, Any]) -> Origin:
         version=provenance.get("version", ""),
         libraries=provenance.get("libraries") or {},
         seed=provenance.get("seed"),
+        repeatable=not provenance.get("budget_decided"),
         listing=json.dumps(scene, indent=2, ensure_ascii=False),
         files=digests(map(Path, named)),
     )

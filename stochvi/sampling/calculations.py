@@ -33,6 +33,7 @@ from stochvi.results.deadline import (
     Deadline,
     Progress,
     asked_for,
+    decisions_of_the_clock,
     ended_by,
     showing,
     shown_in_notebooks,
@@ -77,7 +78,7 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
     never sees an `rng`, but the `seed` that this draws. Its progress is shown in a notebook, with
     the compiling of kernels. A `budget` that is long over ends it (see `ended_by`); messages name
     this budget also where a part of it has run out. An answer, also one that falls short, records
-    the call in its provenance.
+    the call in its provenance, and whether the clock decided on a part of it.
     """
     check, signature = argument_checker(function), inspect.signature(function)
     parameters = signature.parameters
@@ -103,10 +104,11 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
                 around.enter_context(asked_for(seconds))
                 if not watched():
                     around.enter_context(ended_by(seconds))
+            before = decisions_of_the_clock()
             try:
-                answer: T = recorded(function(*bound.args, **bound.kwargs), given)
+                answer: T = recorded(function(*bound.args, **bound.kwargs), given, before)
             except (NotConverged, Interrupted) as error:
-                error.partial = recorded(error.partial, given)
+                error.partial = recorded(error.partial, given, before)
                 raise
             except (ArithmeticError, np.linalg.LinAlgError) as error:
                 if isinstance(error, StochviError):
@@ -117,7 +119,7 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
                 raise NotApplicable(function.__name__, why) from error
         return answer
 
-    def recorded(answer: Any, given: Mapping[str, Any]) -> Any:
+    def recorded(answer: Any, given: Mapping[str, Any], before: int) -> Any:
         if not isinstance(answer, Result):
             return answer
         defaults = {
@@ -125,7 +127,10 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
             for name, each in parameters.items()
             if each.default is not inspect.Parameter.empty
         }
-        return answer.with_provenance(call=call_of(function.__name__, {**defaults, **given}))
+        late = {"budget_decided": True} if decisions_of_the_clock() > before else {}
+        return answer.with_provenance(
+            call=call_of(function.__name__, {**defaults, **given}), **late
+        )
 
     spelt = [each.replace(annotation=Spelt(each.annotation)) for each in parameters.values()]
     returned = Spelt(signature.return_annotation)

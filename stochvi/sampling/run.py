@@ -16,7 +16,7 @@ from typing import Any, Generic, ParamSpec, TypeVar, overload
 import numpy as np
 
 from stochvi.mathematics.units import bound_to, plain_number
-from stochvi.results.deadline import Deadline, Progress, part_of, stood_still
+from stochvi.results.deadline import Deadline, Progress, clock_decides, part_of, stood_still
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.estimates import Cost
 from stochvi.sampling.calculations import (
@@ -209,6 +209,8 @@ class Run:
                 raise deadline.fell_short("before two paths were simulated", "raise budget")
             whole = entry.paths >= entry.goal
             wanted = more(sample) if whole else math.inf
+            if not whole:  # a worker may have seen it alone
+                clock_decides()
             if not wanted or not whole or deadline.passed():
                 return Taken(sample, sampler.paths(sample), not wanted, entry.machines)
             entry.goal = entry.paths + math.ceil(wanted / sampler.block) * sampler.block

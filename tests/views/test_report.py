@@ -9,6 +9,7 @@ import math
 import re
 import shutil
 import subprocess
+import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from html import unescape
@@ -28,6 +29,7 @@ from stochvi import (
     RoadNoise,
     WhiteNoise,
     screen,
+    size,
 )
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import environment
@@ -37,6 +39,7 @@ from stochvi.isolators.sizing.sensitivity import worst_case
 from stochvi.isolators.tolerances import Tolerances
 from stochvi.mathematics.units import ACCELERATION, STANDARD_GRAVITY, shown_in, units_of
 from stochvi.results.base import named_with_units
+from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Estimate, plus_minus, spoken_percent
 from stochvi.results.files import Origin, origin_of
 from stochvi.scenes.excitations import Excitation
@@ -445,6 +448,24 @@ def test_sag_moves_the_stops_and_is_told(sizing: Sizing, reviewed: Review) -> No
     plain = Isolator(frequency_hz=12.0, zeta=0.1)
     _, remark = facts(mount_section(review_of(structure=plain)))["Static sag under 1 g"]
     assert "for information" in remark
+
+
+@pytest.mark.usefixtures("blank_pictures")
+@pytest.mark.parametrize("late", [True, False])
+def test_equal_digits_are_promised_unless_the_clock_decided(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, sizing: Sizing, reviewed: Review, late: bool
+) -> None:
+    def answered(*_: object) -> Sizing:
+        assert Deadline.after(-1.0 if late else 60.0).passed() is late
+        return sizing
+
+    monkeypatch.setattr(sys.modules["stochvi.isolators.sizing.size"], "_answered", answered)
+    found = size(sizing.scene, probability=0.01)
+    assert any("another run may give other last digits" in each for each in found.warnings) is late
+    page = write_report(found, tmp_path, review=replace(reviewed, sizing=found))
+    told = read(page.read_text("utf-8")).text
+    assert ("give the same digits" in told) is not late
+    assert ("the budget ended a part of the calculation, so that another run" in told) is late
 
 
 @pytest.mark.parametrize(

@@ -50,7 +50,7 @@ from stochvi.mathematics.unsteady_noise import RandomLevel
 from stochvi.model.coverage import free_motion, modulated, nonlinear, scene_notes, unshaken
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import DataFrame, frame_of, rows_of
-from stochvi.results.deadline import partial_result
+from stochvi.results.deadline import decisions_of_the_clock, partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import provenance, spoken_percent
 from stochvi.sampling.calculations import AccuracyOptions, calculation
@@ -1205,7 +1205,25 @@ def risk_curve(
 def _sized(
     scene: Scene, asked: Question, mission: float | None, spreads: Mapping[str, Spread] | None
 ) -> Sizing:
-    """The answer of a question; the mission is that of the caller, None where none was given."""
+    """The answer of a question, and whether the clock decided on a part of it; the mission is that
+    of the caller, None where none was given."""
+    before = decisions_of_the_clock()
+    found = _answered(scene, asked, mission, spreads)
+    if decisions_of_the_clock() == before or found.fell_short:
+        return found
+    return replace(
+        found,
+        warnings=(
+            *found.warnings,
+            "the budget ended a part of the calculation: another run may give other last digits; "
+            "with a larger budget the seed gives the same ones",
+        ),
+    )
+
+
+def _answered(
+    scene: Scene, asked: Question, mission: float | None, spreads: Mapping[str, Spread] | None
+) -> Sizing:
     check_movable(scene)
     run = asked.run
     if not scene.phases and is_one_phase(scene):
