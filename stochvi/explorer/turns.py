@@ -275,6 +275,11 @@ class Turn:
         if self.stale.is_set():
             raise Stale
 
+    @property
+    def rest(self) -> float:
+        """Mean gap under the constant loads, from which clearances count, m."""
+        return float(model_of(self.scene).mean_gaps[0])
+
     def linear(self) -> Message:
         """The linear motion of each gap, and Rice's rate of crossings over clearance."""
         pairs = self.screened.impact_pairs
@@ -293,6 +298,7 @@ class Turn:
         return {
             "part": "linear",
             "numbers": numbers,
+            "rest": self.rest,
             "three_sigma": gap.three_sigma,
             "clearances": places.tolist(),
             "rice": rates,
@@ -352,7 +358,7 @@ class Turn:
             risk_curve, self.scene, probability=design.probability, mission=design.mission,
             tolerances=design.tolerances, seed=self.seed, budget=BUDGET, progress=self.look,
         )  # fmt: skip
-        numbers = []
+        numbers, doubted = [], bool(found.doubtful)
         for name, each in found.clearances.items():
             words = f" of {name}" if found.several else ""
             numbers.append(
@@ -370,7 +376,8 @@ class Turn:
             "part": "risk",
             "numbers": numbers,
             "sentence": found.verdict(),
-            "lines": lines,
+            "lines": [f"For Gaussian noise. {each}" for each in lines] if doubted else lines,
+            "doubted": doubted,
         }
         answer["shared" if found.several else "curve"] = columns(found.curve)
         return answer if found.box is None else answer | {"box": self._box(found)}
@@ -443,8 +450,8 @@ class Turn:
         frequencies = found["frequency_hz"].to_numpy()
         near = frequencies[np.argmin(abs(frequencies - frequency_of(self.scene)))]
         stable = found[(frequencies == near) & (found["stable"] > 0) & (found["admissible"] > 0)]
-        sizes = ", ".join(f"{1e3 * each:.3g} mm" for each in sorted(stable["amplitude"]))
-        sentence = f"Stable motions at {near:.4g} Hz, by their amplitude: {sizes or 'none'}."
+        sizes = ", ".join(f"{1e3 * each:.3g} mm" for each in sorted(stable["displacement_max"]))
+        sentence = f"Stable motions at {near:.4g} Hz reach {sizes or 'no place: none was found'}."
         return {"part": "branches", "table": columns(found), "sentence": sentence}
 
     def absorbed(self) -> Message:

@@ -85,3 +85,37 @@ def test_the_settings_are_of_three_scenes() -> None:
     titles = {design_of(TRUCK, setting_of(number)).scene.structure.kind for number in range(3)}
     assert titles == {"isolator", "rigid-body"}
     assert {*CHOICES[0].values(), *CHOICES[2].values()} <= {*PRESETS}
+
+
+def test_clearances_count_from_where_the_mass_hangs() -> None:
+    """The curve of the page, at the nearer stop of a mount under gravity, is not safer than its
+    sentence, which knows both stops."""
+    structure = TRUCK.structure.replace(gravity=True)
+    (pair,) = TRUCK.impact_pairs
+    stops = pair.replace(clearance=0.012)
+    hanging = TRUCK.replace(structure=structure, impact_pairs=[stops])
+    turn = Turn(design_of(hanging, Setting({})), 5, 1)
+    rest = turn.linear()["rest"]
+    assert rest == pytest.approx(-9.80665 / (2.0 * np.pi * 12.0) ** 2, rel=1e-6)
+    risk = turn.risk()
+    curve = risk["curve"]
+    nearer = 0.012 - abs(rest)
+    there = np.interp(nearer, curve["clearance"], np.log(curve["probability"]))
+    said = float(
+        next(line for line in risk["lines"] if "Your stops" in line).split(": ")[1].split()[0]
+    )
+    assert 0.5 * np.exp(there) < said / 100.0 < np.exp(there)
+    assert not risk["doubted"]
+
+
+def test_a_record_that_is_not_gaussian_noise_makes_the_page_doubt_its_numbers() -> None:
+    potholes = load_scene(shipped_scene("isolator-potholes"))
+    found = Turn(design_of(potholes, Setting({})), 5, 1).risk()
+    assert found["doubted"] and found["sentence"].startswith("Do not size by the spectrum")
+    assert all(each.startswith("For Gaussian noise. ") for each in found["lines"])
+
+
+def test_motions_under_a_sine_are_told_by_how_far_they_reach() -> None:
+    sine = load_scene(shipped_scene("isolator-sine"))
+    sentence = Turn(design_of(sine, Setting({})), 5, 1).branches()["sentence"]
+    assert sentence == "Stable motions at 100 Hz reach 0.101 mm, 0.4 mm."

@@ -8,6 +8,8 @@ import { picture } from "./pictures.js";
 
 const STAGES = { closed: "closed forms", simulated: "simulated", refined: "refined" };
 const SIDES = { lower: -1, upper: 1 };
+const NUMBERS = "Numbers, with 95 % intervals";
+const DOUBTED = "Numbers for Gaussian noise, which the record is not, with 95 % intervals";
 const FILES = { scene: "Scene file", command: "Command line", python: "Python lines", csv: "CSV", report: "Report", html: "Page without Python" };
 const BARE = { "g²/Hz": "Hz,g2/Hz", "(m/s²)²/Hz": "Hz,(m/s2)2/Hz" };
 const SHOWN = ["application/toml", "text/plain", "text/x-python"]; // texts to copy; others are saved at once
@@ -130,7 +132,7 @@ export function render({ model, el }) {
   const tip = element("p", { className: "state" });
   tip.setAttribute("role", "status");
   const shown = element("div", { className: "pictures" });
-  const [results, numbers] = tableOf("Numbers, with 95 % intervals", ["quantity", "value", "method"], "numbers");
+  const [results, numbers] = tableOf(NUMBERS, ["quantity", "value", "method"], "numbers");
   const [comparison, differences] = tableOf("Pinned design, and the one of the knobs", ["quantity", "pinned", "now", "change"], "differences");
   const pin = button("Pin this design", () => hold({ setting: settingNow(), answer }));
   const unpin = button("Unpin", () => hold(null));
@@ -156,7 +158,8 @@ export function render({ model, el }) {
   const stops = () => Object.fromEntries(Object.keys(SIDES).map((side) => [side, now(stopKey(side))]));
   const valuesNow = () => Object.fromEntries(knobs.flatMap((each) => each.keys.map((key) => [key, now(key)])));
   const settingNow = () => ({ values: valuesNow(), ...choices, system });
-  const own = () => Math.min(...Object.values(stops()).filter(Number.isFinite).map(Math.abs));
+  const rest = () => answer.rest ?? 0; // the mass hangs there, and clearances count from it
+  const own = () => Math.min(...Object.values(stops()).filter(Number.isFinite).map((each) => Math.abs(each - rest())));
 
   const moving = motion({
     stops, system: () => system,
@@ -188,7 +191,7 @@ export function render({ model, el }) {
   function turn() {
     id = count += 1;
     asked = performance.now();
-    answer = { numbers: {}, dots: [], stiffness: [], kept: { ...answer.kept, ...answer.numbers } };
+    answer = { numbers: {}, dots: [], stiffness: [], rest: answer.rest, kept: { ...answer.kept, ...answer.numbers } };
     state.textContent = "computing";
     for (const each of [el, ...el.querySelectorAll("figure, table.numbers")]) each.classList.add("stale");
     moving.show(null);
@@ -289,7 +292,7 @@ export function render({ model, el }) {
       }),
       branches: picture({
         colours, title: "Periodic motions about the frequency of the sine",
-        x: { words: "frequency", unit: "Hz" }, y: { words: "amplitude", unit: "m" },
+        x: { words: "frequency", unit: "Hz" }, y: { words: "largest displacement", unit: "m" },
         method: "Exact motions between impacts, followed over frequency: where a stable one ends, the motion jumps.",
       }),
     };
@@ -299,7 +302,7 @@ export function render({ model, el }) {
   }
 
   function marksOf(colours) {
-    const marks = [{ x: own(), colour: colours.ink, kind: "solid", name: "your stops" }];
+    const marks = [{ x: own(), colour: colours.ink, kind: "solid", name: rest() ? "your nearer stop" : "your stops" }];
     if (answer.three) marks.push({ x: answer.three, colour: colours.three, kind: "dashed", name: "three sigma" });
     if (answer.required) marks.push({ x: answer.required, colour: colours.answer, kind: "solid", name: "required" });
     return marks.filter((each) => Number.isFinite(each.x));
@@ -381,7 +384,7 @@ export function render({ model, el }) {
     branches({ colours }) {
       const found = answer.branches;
       if (!found) return null;
-      const points = found.frequency_hz.map((x, i) => ({ x, y: found.amplitude[i], stable: found.stable[i] > 0 && found.admissible[i] > 0 }))
+      const points = found.frequency_hz.map((x, i) => ({ x, y: found.displacement_max[i], stable: found.stable[i] > 0 && found.admissible[i] > 0 }))
         .filter((each) => each.y !== null);
       const marks = [{ name: "your sine", kind: "solid", colour: colours.ink, x: now("excitation.0.frequency_hz") }];
       return { curves: [], marks, dots: [
@@ -403,7 +406,9 @@ export function render({ model, el }) {
     moving.mark([
       ...(answer.three ? [{ at: answer.three, name: "three sigma", kind: "three" }] : []),
       ...(answer.required ? [{ at: answer.required, name: "required", kind: "required" }] : []),
-    ]);
+    ], rest());
+    el.classList.toggle("doubted", !!answer.doubted);
+    results.querySelector("caption").textContent = answer.doubted ? DOUBTED : NUMBERS;
     const all = { ...answer.kept, ...answer.numbers };
     results.hidden = !Object.keys(all).length;
     numbers.replaceChildren(...Object.values(all).map((each) => row(each.name, withInterval(each, system), each.method)));
@@ -510,9 +515,12 @@ export function render({ model, el }) {
     spectra: (message) => ({ spectra: message }),
     absorbed: (message) => ({ absorbed: message.table, sentence: message.sentence }),
     branches: (message) => ({ branches: message.table, sentence: message.sentence }),
-    linear: ({ three_sigma: three, clearances, rice, rice_probability: usual }) => ({ three, clearances, rice, usual, own: own() }),
-    risk: ({ curve, shared, numbers: found, sentence: said, lines, box: drawing }) => (
-      { curve: curve ?? shared, required: found.at(-1).value, sentence: said, lines, box: drawing }),
+    linear: ({ three_sigma: three, clearances, rice, rice_probability: usual, rest: hangs }) => {
+      answer.rest = hangs;
+      return { three, clearances, rice, usual, own: own() };
+    },
+    risk: ({ curve, shared, numbers: found, sentence: said, lines, doubted, box: drawing }) => (
+      { curve: curve ?? shared, required: doubted ? null : found.at(-1).value, sentence: said, lines, doubted, box: drawing }),
   };
   // what is no longer pale once a part is there
   const FRESH = { linear: () => pictures.rate.box, rate: () => results, motion: () => moving.box };

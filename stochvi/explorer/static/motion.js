@@ -16,7 +16,7 @@ export function motion({ stops, range, move, system }) {
   const box = element("figure", { className: "moving" }, element("div", { className: "heading" }, caption, pause), svg);
   const still = matchMedia("(prefers-reduced-motion: reduce)");
   let path = null, time = 0, last = performance.now(), paused = still.matches, lit = {}, hits = 0, before = -1;
-  let marks = [], parts = {}, width = 900, reach = 1, held = false;
+  let marks = [], rest = 0, parts = {}, width = 900, reach = 1, held = false;
 
   const floor = HEIGHT - 40;
   const at = (x) => width / 2 + (x / reach) * (width / 2 - MASS / 2 - 40);
@@ -27,14 +27,14 @@ export function motion({ stops, range, move, system }) {
     svg.setAttribute("viewBox", `0 0 ${width} ${HEIGHT}`);
     const now = stops();
     if (!held) { // a scale that moves under the hand cannot be aimed at
-      reach = ROOM * Math.max(...[...Object.values(now), ...marks.map((each) => each.at)].filter(Number.isFinite).map(Math.abs), 1e-9);
+      reach = ROOM * Math.max(...[...Object.values(now), ...marks.map((each) => each.at + Math.abs(rest))].filter(Number.isFinite).map(Math.abs), 1e-9);
     }
     const kept = document.activeElement?.dataset?.side;
     const mass = drawn("rect", { class: "mass", x: -MASS / 2, y: floor - MASS, width: MASS, height: MASS });
     svg.replaceChildren(drawn("line", { class: "floor", x1: 0, x2: width, y1: floor, y2: floor }));
     const rows = [HEIGHT - 22, HEIGHT - 6, HEIGHT - 22];
     marks.forEach(({ at: place, name, kind }, i) => [-1, 1].forEach((sign) => {
-      const x = at(sign * place) + (sign * MASS) / 2;
+      const x = at(rest + sign * place) + (sign * MASS) / 2;
       if (sign < 0 && now.lower === undefined) return;
       svg.append(drawn("line", { class: `mark ${kind}`, x1: x, x2: x, y1: 22, y2: floor + 4 }));
       if (sign > 0) {
@@ -83,7 +83,7 @@ export function motion({ stops, range, move, system }) {
 
   // the mass, and which stops are lit, at the time of the path
   function place() {
-    let x = 0;
+    let x = rest;
     if (path) {
       const step = path.time[1] - path.time[0];
       const exact = (time / step) % (path.time.length - 1), i = Math.floor(exact);
@@ -125,7 +125,7 @@ export function motion({ stops, range, move, system }) {
     box, layout,
     // a path of the design that is shown; none while a new one is asked for
     show(found) { path = found; time = 0; hits = 0; before = -1; lit = {}; place(); },
-    mark(found) { marks = found; layout(); },
+    mark(found, hangs) { marks = found; rest = hangs; layout(); },
     end() { live = false; },
   };
 }
