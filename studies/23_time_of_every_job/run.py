@@ -52,7 +52,7 @@ def run(words: list[str], house: Path, cache: Path | None = None) -> tuple[float
     with tempfile.TemporaryFile("w+") as printed:
         began = os.times()
         process = subprocess.Popen(
-            [sys.executable, *words], cwd=HOUSE, env=environment, stdout=printed,
+            [sys.executable, *words], cwd=house, env=environment, stdout=printed,
             stderr=subprocess.DEVNULL,
         )  # fmt: skip
         _, status, used = os.wait4(process.pid, 0)
@@ -87,6 +87,9 @@ def checkout_of(revision: str) -> Iterator[Path]:
         git = ["git", "-C", str(HOUSE), "worktree"]
         subprocess.run([*git, "add", "--detach", str(place), revision], check=True)
         try:
+            found = run(["-c", "import stochvi; print(stochvi.__file__)"], place)[2]
+            if not Path(found).is_relative_to(place):
+                raise SystemExit(f"the code in {found} would be timed, not that of {revision}")
             yield place
         finally:
             subprocess.run([*git, "remove", "--force", str(place)], check=True)
@@ -118,7 +121,7 @@ def measure(houses: dict[str, Path], repeats: int, quick: bool) -> pd.DataFrame:
         return run(["-c", f"import sys; sys.path.insert(0, {str(FOLDER)!r}); {code}"], house)[:2]
 
     for name, code in FLOORS.items():
-        add("floor", name, "s of CPU; s", best(program, code, {"now": HOUSE}, repeats))
+        add("floor", name, "s of CPU; s", best(program, code, {"now": houses["now"]}, repeats))
     for job in jobs():
         if not quick or job.name in QUICK:
             add("job", job.name, "s of CPU; s", best(time_of_job, job, houses, repeats))
@@ -168,28 +171,63 @@ def draw(table: pd.DataFrame, path: Path) -> None:
     write_picture(ax, path)
 
 
+def keep(rows: pd.DataFrame, revision: str) -> None:
+    """Add rows to the history, with the day and the commit of their revision."""
+    git = ["git", "-C", str(HOUSE), "show", "--no-patch", "--format=%h %cI", revision]
+    commit, committed = subprocess.run(
+        git, check=True, capture_output=True, text=True
+    ).stdout.split()
+    rows = rows.assign(revision=commit, committed=committed, processor=processor())
+    rows.insert(0, "date", date.today().isoformat())
+    known = pd.read_csv(HISTORY)
+    pd.concat([known, rows[[*known]]]).to_csv(HISTORY, index=False, float_format="%.6g")
+
+
+def draw_history(history: pd.DataFrame, path: Path) -> None:
+    """The CPU time of the quick jobs over the commits of the history; those that were timed on
+    another day than the last are open circles, as absolute times move with the machine."""
+    order = history.sort_values("committed")["revision"].unique().tolist()
+    _, axes = plt.subplots(
+        len(QUICK), sharex=True, figsize=(7.2, 1.7 * len(QUICK) + 0.6), layout="constrained"
+    )
+    for ax, name in zip(axes, QUICK, strict=True):
+        rows = history[history["name"] == name]
+        for day, of_day in rows.groupby("date"):
+            of_day = of_day.sort_values("committed")
+            last = day == history["date"].max()
+            ax.plot(
+                [order.index(each) for each in of_day["revision"]], of_day["cpu"],
+                "o-" if last else "o", color="#2a6f97", fillstyle="full" if last else "none",
+            )  # fmt: skip
+        ax.set_title(name, loc="left", fontsize=9)
+        ax.set_ylabel(rows["unit"].iloc[0].split(";")[0].replace("per second", "per s"))
+        ax.set_ylim(0.0, 1.15 * rows["cpu"].max())
+    days = history.drop_duplicates("revision").set_index("revision")["committed"].str[:10]
+    axes[-1].set_xticks(
+        range(len(order)), [f"{each}\n{days[each]}" for each in order], rotation=90, fontsize=7
+    )
+    write_picture(axes[-1], path)
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="four jobs, once each")
     parser.add_argument("--against", help="an older revision, timed in turns with this one")
+    parser.add_argument("--at", help="a revision in the place of this checkout, for the history")
     parser.add_argument("--repeats", type=int, default=1 if "--quick" in sys.argv else 3)
     parser.add_argument("--history", action="store_true", help="add the rows to data/bench")
     parser.add_argument("--out", type=Path, default=FOLDER)
     options = parser.parse_args()
-    with checkout_of(options.against) if options.against else nullcontext() as older:
-        houses = {"now": HOUSE} | ({"before": older} if older else {})
+    with (
+        checkout_of(options.at) if options.at else nullcontext(HOUSE) as now,
+        checkout_of(options.against) if options.against else nullcontext() as older,
+    ):
+        houses = {"now": now} | ({"before": older} if older else {})
         result = measure(houses, options.repeats, options.quick)
     result.to_csv(options.out / "result.csv", index=False, float_format="%.6g")
     draw(result, options.out / "figure.png")
     if options.out == FOLDER:
         write_into(FOLDER / "README.md", as_page(result))
     if options.history:
-        git = ["git", "-C", str(HOUSE), "rev-parse", "--short", "HEAD"]
-        revision = subprocess.run(git, check=True, capture_output=True, text=True).stdout.strip()
-        rows = result[result["revision"] == "now"].assign(revision=revision)
-        rows.insert(0, "date", date.today().isoformat())
-        rows["processor"] = processor()
-        HISTORY.parent.mkdir(exist_ok=True)
-        rows.to_csv(
-            HISTORY, mode="a", header=not HISTORY.exists(), index=False, float_format="%.6g"
-        )
+        keep(result[result["revision"] == "now"], options.at or "HEAD")
+        draw_history(pd.read_csv(HISTORY), options.out / "history.png")
