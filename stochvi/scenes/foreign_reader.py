@@ -103,8 +103,8 @@ def write(output: BinaryIO, arrays: list[dict[str, Any]]) -> None:
 
 
 def matlab(path: str) -> Iterator[dict[str, Any]]:
-    """Real arrays of numbers, vectors with one dimension; a field of a structure has a name such as
-    "run.acc"."""
+    """Arrays of numbers, vectors with one dimension, of complex ones the real parts; a field of a
+    structure has a name such as "run.acc"."""
     from scipy.io import loadmat, whosmat
 
     # what the headers claim, before any of it is read
@@ -127,19 +127,23 @@ def numeric(content: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
             array = np.asarray(value)
         except ValueError:  # cells of different sizes
             continue
-        if array.dtype.kind in REAL and array.size > 1:
+        if array.dtype.kind in f"{REAL}c" and array.size > 1:
             flat = array.ravel() if max(array.shape) == array.size else array
-            yield {"name": name, "x": None, "y": flat.astype(float)}
+            turned = bool(np.any(np.imag(flat)))
+            yield {"name": name, "complex": turned, "x": None, "y": np.real(flat).astype(float)}
 
 
 def matlab_hdf5(path: str) -> Iterator[dict[str, Any]]:
     """The same of a file of version 7.3, whose arrays lie in it with their last index first."""
     import h5py
 
+    def plain(array: Any) -> Any:
+        return array["real"] + 1j * array["imag"] if array.dtype.names else array
+
     def of_numbers(group: Any) -> dict[str, Any]:
         fields = {name: each for name, each in group.items() if name[0] != "#"}
         return {
-            name: of_numbers(each) if isinstance(each, h5py.Group) else each[()].T
+            name: of_numbers(each) if isinstance(each, h5py.Group) else plain(each[()].T)
             for name, each in fields.items()
             if isinstance(each, h5py.Group)
             or each.attrs.get("MATLAB_class", b"").decode() in OF_MATLAB
@@ -321,6 +325,8 @@ def tdms(path: str) -> Iterator[dict[str, Any]]:
                 yield {
                     "name": channel.name, "of": channel.group_name,
                     "unit": str(about.get("unit_string", "")),
+                    "x_unit": str(about.get("wf_xunit_string", "")),
+                    "x_name": str(about.get("wf_xname", "")),
                     "x": start + step * np.arange(len(y)) if step else None, "y": y,
                 }  # fmt: skip
 

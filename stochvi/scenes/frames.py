@@ -11,6 +11,7 @@ import hashlib
 import math
 import numbers
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 from weakref import WeakValueDictionary
@@ -122,7 +123,8 @@ class Frame:
                 remedy = f"give fs, the sampling rate in Hz, or {remedy.removeprefix('give ')}"
             raise SceneError(f"must hold {' and '.join(needed)}, got one column; {remedy}")
         first = ";".join(f"{value!r}" for value in columns[0].tolist())
-        return _table(names, PlainRows((1, first), len(columns)), ";", columns)
+        table = _table(names, PlainRows((1, first), len(columns)), ";", columns)
+        return replace(table, indexed=self.indexed)
 
 
 def table_with_words(values: Any) -> TextTable:

@@ -154,15 +154,26 @@ def _arrays(entries: list[dict[str, Any]], body: bytes) -> Iterator[Foreign]:
         yield Foreign(entry.pop("name"), held["x"], held["y"], entry)
 
 
-def read_numpy(path: Path) -> dict[str, Vector]:
-    """The real arrays of a .npy or .npz file by their names; objects are never unpickled."""
+def read_arrays(path: Path, kind: str) -> dict[str, NDArray[Any]]:
+    """The arrays of numbers by their names, of a file of a kind of `READERS` or else of NumPy. The
+    real parts alone of complex ones are known of some kinds."""
+    if not kind:
+        return read_numpy(path)
+    return {
+        each.name: each.y.astype(complex) if each.facts["complex"] else each.y
+        for each in read_foreign(path, kind)
+    }
+
+
+def read_numpy(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of numbers of a .npy or .npz file by their names; objects are never unpickled."""
     check_file(path, LARGEST_DATA_FILE)
     wrong = SceneError(f"{path} is not a NumPy file that can be read; write it again")
     try:
         if path.suffix.lower() == ".npy":
             with path.open("rb") as file:
-                return dict(_real("data", _array(file, path.stat().st_size)))
-        found: dict[str, Vector] = {}
+                return dict(_numbers("data", _array(file, path.stat().st_size)))
+        found: dict[str, NDArray[Any]] = {}
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()
             if sum(each.file_size for each in members) > 8 * MOST_NUMBERS:
@@ -170,7 +181,7 @@ def read_numpy(path: Path) -> dict[str, Vector]:
             for each in members:
                 with archive.open(each) as file:
                     name = each.filename.removesuffix(".npy")
-                    found |= _real(name, _array(file, each.file_size))
+                    found |= _numbers(name, _array(file, each.file_size))
         return found
     except SceneError:
         raise
@@ -178,11 +189,16 @@ def read_numpy(path: Path) -> dict[str, Vector]:
         raise wrong from None
 
 
-def _real(name: str, array: NDArray[Any]) -> dict[str, Vector]:
-    if array.dtype.kind not in REAL or array.size < 2:
+def _numbers(name: str, array: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    if array.dtype.kind not in f"{REAL}c" or array.size < 2:
         return {}
     flat = array.ravel() if max(array.shape) == array.size else array
-    return {name: flat.astype(float)}
+    return {name: _plain(flat if array.dtype.kind == "c" else flat.astype(float))}
+
+
+def _plain(array: NDArray[Any]) -> NDArray[Any]:
+    """An array, and its real part where it has no other."""
+    return array if np.any(np.imag(array)) else np.real(array)
 
 
 def _array(file: Any, size: int) -> NDArray[Any]:
@@ -360,9 +376,9 @@ def _columns_of(
             raise table.choose()
         place = 1 if chosen is None else chosen
     if place == x:
-        raise SceneError(
-            "column", f"is number {place + 1} of {path}, which holds the {quantity}; name another"
-        )
+        which = f"number {number}" if (number := table.number(place)) else "the index"
+        held = f"is {which} of {path}, which holds the {quantity}"
+        raise SceneError("column", f"{held}; name another")
     table.headings[place].check_scaled()
     found = table.columns(*((place,) if x is None else (x, place)))
     known, line = table.headings[place].unit, table.headings[place].line
@@ -449,7 +465,8 @@ def _check_seconds(path: Path, times: Vector, where: str = "its first column") -
             f"{path} has a time every {interval:.6g} in {where}, without a unit; in "
             f"seconds the rate would be {1.0 / interval:.4g} Hz, in milliseconds "
             f"{1e3 / interval:.6g} Hz; write the unit into the heading (time (s), time (ms)) or "
-            "name (time_s), or take numbers of rows out and give fs"
+            "name (time_s; two vectors in the place of a matrix), or take numbers of rows out and "
+            "give fs"
         )
 
 
@@ -519,6 +536,8 @@ def _read_uff(path: Path, names: Sequence[str], dataset: int | None, function_ty
                 "dataset", f"{dataset} of {path} is over {over.name}, expected {quantity}"
             )
         x = over.to_si(x)
+    elif x is not None and function_type == TIME_RESPONSE and len(names) > 1:
+        _check_seconds(path, x, f"dataset {dataset}")
     # a character that is not UTF-8 is the raised 2 of an older encoding
     label = entry.facts["unit"].replace("\ufffd", "²").strip()
     Heading(cells=(f"({label})",)).check_scaled()
@@ -561,13 +580,18 @@ def _read_channels(
         raise SceneError(
             f"{path} holds no channel of {'acceleration' * (kind == 'IDE') or 'numbers'}"
         )
+    quantity = _abscissa(function_type)
     listed = [f"{n} {each.name} of {each.facts['of']}" for n, each in enumerate(channels, start=1)]
     chosen = [
         place
         for place, (each, entry) in enumerate(zip(channels, listed, strict=True))
         if column in (None, place + 1, each.name, entry, entry.partition(" ")[2])
     ]
-    table = {(each.x is None, len(each.y)) for each in channels} == {(True, len(channels[0].y))}
+    kin = [*range(len(channels))]
+    if len(chosen) == 1:  # other groups have clocks of their own
+        kin = [n for n in kin if channels[n].facts["of"] == channels[chosen[0]].facts["of"]]
+    alike = {(channels[n].facts["of"], channels[n].x is None, len(channels[n].y)) for n in kin}
+    table = len(alike) == 1 and channels[kin[0]].x is None
     if len(chosen) != 1 and not (table and (column is None or not chosen)):
         raise SceneError(
             "column", f"must be one channel of {path}, by number or name: {_listed(listed)}"
@@ -575,10 +599,9 @@ def _read_channels(
     if table:
         headings = [
             f"{each.name} ({each.facts['unit']})" * bool(each.facts["unit"]) or each.name
-            for each in channels
+            for each in (channels[n] for n in kin)
         ]
-        frame = Frame(np.column_stack([each.y for each in channels]), headings)
-        quantity = _abscissa(function_type)
+        frame = Frame(np.column_stack([channels[n].y for n in kin]), headings)
         if len(names) > 1 and not _may_hold(frame, quantity):
             stated = "states no sampling rate, and " * (quantity == "time")
             remedy = "; give fs, in Hz" * (quantity == "time")
@@ -587,18 +610,43 @@ def _read_channels(
                 f"{_listed(listed)}"
             )
         if column is not None and chosen:
-            column = chosen[0] + 1
+            column = kin.index(chosen[0]) + 1
         return _columns_of(_file_of(path, frame, names), names, column, function_type, False)
     channel = channels[chosen[0]]
-    if function_type != TIME_RESPONSE or (channel.x is None and len(names) > 1):
-        held = "over time" if function_type != TIME_RESPONSE else "without times; give fs for it"
-        raise SceneError(f"{path} holds channel {channel.name} {held}, expected {names[0]}")
+    x, held = _abscissa_of(path, channel, len(names) > 1)
+    if (x is not None and held != quantity) or (x is None and len(names) > 1):
+        held = f"without {quantity}" if x is None else f"over {held}"
+        remedy = "; give fs for it" * (x is None and quantity == "time")
+        raise SceneError(f"{path} holds channel {channel.name} {held}, expected {names[0]}{remedy}")
     Heading(cells=(f"({channel.facts['unit']})",)).check_scaled()
     return Columns(
-        x=channel.x, y=channel.y, unit=_label(channel.facts["unit"]),
+        x=x, y=channel.y, unit=_label(channel.facts["unit"]),
         stated_in=f"channel {channel.name} of {path}",
         unread=channel.facts["unit"] if _label(channel.facts["unit"]) is None else "",
     )  # fmt: skip
+
+
+def _abscissa_of(path: Path, channel: Foreign, needed: bool) -> tuple[Vector | None, str]:
+    """Times (s) or frequencies (Hz) of a channel, by the unit that the file states for them, and
+    the word for them."""
+    x, label = channel.x, str(channel.facts.get("x_unit", "s")).strip()
+    known = _label(label) or _label(label.lower())
+    if x is None:
+        return None, ""
+    if known is not None:
+        return known.to_si(x), known.quantity
+    if label:
+        if needed:
+            raise SceneError(
+                f"{path} holds channel {channel.name} over {shown(label)}, which is not a known "
+                f"unit ({listed_units('time', 'frequency')}); give fs for a record"
+            )
+        return None, ""
+    if Heading(cells=(channel.facts.get("x_name", ""),)).is_of("frequency"):
+        return x, "frequency"
+    if needed:
+        _check_seconds(path, x, f"channel {channel.name}")
+    return x, "time"
 
 
 def _may_hold(frame: Frame, quantity: str) -> bool:
@@ -611,15 +659,14 @@ def _may_hold(frame: Frame, quantity: str) -> bool:
 
 
 def _read_arrays(path: Path, names: Sequence[str], variables: Sequence[str] | None) -> Columns:
-    if path.suffix.lower() == ".mat":
-        arrays = {each.name: each.y for each in read_foreign(path, "MATLAB")}
-    else:
-        arrays = read_numpy(path)
+    arrays = read_arrays(path, "MATLAB" if path.suffix.lower() == ".mat" else "")
     example = ", ".join(f'"{name}"' for name in names)
     if variables is None:
         choices = list(islice(_choices(arrays, len(names)), 2))
         if len(choices) != 1:
-            alone = next((name for name, array in arrays.items() if array.ndim == 1), None)
+            alone = next(
+                (name for (name,) in _choices(arrays, 1) if not _rises(arrays[name])), None
+            )
             remedy = ""
             if len(names) == 2 and not choices and alone is not None:
                 remedy = f'; for values without times give fs, and variables = ["{alone}"]'
@@ -635,10 +682,13 @@ def _read_arrays(path: Path, names: Sequence[str], variables: Sequence[str] | No
                 "variables", f"names {name!r}, but {path} holds {_listed_arrays(arrays)}"
             )
     chosen = [arrays[name] for name in variables]
-    if len(chosen) == 1 and len(names) == 2:
-        matrix = chosen[0] if chosen[0].ndim == 2 and chosen[0].shape[1] == 2 else chosen[0].T
-        if matrix.ndim == 2 and matrix.shape[1] == 2:
-            return Columns(x=matrix[:, 0], y=matrix[:, 1])
+    if turned := [name for name in variables if np.iscomplexobj(arrays[name])]:
+        raise SceneError(
+            "variables", f"names {turned[0]!r}, which is complex in {path}; write its real values"
+        )
+    if len(chosen) == 1 and len(names) == 2 and chosen[0].ndim == 2 and 2 in chosen[0].shape:
+        (matrix,) = chosen
+        chosen = [*(matrix.T if matrix.shape[1] == 2 else matrix)]
     if len(chosen) != len(names) or any(array.ndim != 1 for array in chosen):
         raise SceneError(
             "variables",
@@ -652,7 +702,7 @@ def _read_arrays(path: Path, names: Sequence[str], variables: Sequence[str] | No
             "must have one length, got "
             f"{_listed_arrays({name: arrays[name] for name in variables})}",
         )
-    known = _unit_of(variables[-1])
+    known = _unit_of(variables[-1])  # in the name of a matrix, that of its values
     Heading(cells=(variables[-1],), unit=known).check_scaled()
     if known is not None and known.quantity not in VALUES:
         known = None
@@ -680,23 +730,29 @@ def _unit_of(name: str) -> Unit | None:
 def _choices(arrays: Mapping[str, Vector], count: int) -> Iterator[tuple[str, ...]]:
     """The variables that the columns may be: a matrix of two columns, or vectors of one length of
     which the first rises."""
-    vectors = {name: array for name, array in arrays.items() if array.ndim == 1}
+    real = {name: array for name, array in arrays.items() if not np.iscomplexobj(array)}
+    vectors = {name: array for name, array in real.items() if array.ndim == 1}
     if count == 1:
         yield from ((name,) for name in vectors)
         return
-    yield from ((name,) for name, each in arrays.items() if each.ndim == 2 and 2 in each.shape)
-    rises = {name: bool(np.all(np.diff(array) > 0.0)) for name, array in vectors.items()}
+    yield from ((name,) for name, each in real.items() if each.ndim == 2 and 2 in each.shape)
+    rises = {name: _rises(array) for name, array in vectors.items()}
     for one in (name for name, rising in rises.items() if rising):
         for two, rising in rises.items():
             if not rising and len(vectors[one]) == len(vectors[two]):
                 yield one, two
 
 
+def _rises(array: Vector) -> bool:
+    return bool(np.all(np.diff(array) > 0.0))
+
+
 def _listed_arrays(arrays: Mapping[str, Vector]) -> str:
     return (
         _listed(
             [
-                f"{name[:40]} ({' x '.join(str(size) for size in array.shape)})"
+                f"{name[:40]} ({' x '.join(str(size) for size in array.shape)}"
+                f"{', complex' * np.iscomplexobj(array)})"
                 for name, array in arrays.items()
             ]
         )

@@ -692,6 +692,12 @@ class TextTable:
     numeric: Sequence[int]
     values: NDArray[np.float64] | None = None
     """All columns, (rows, columns), of a large table that was read at once."""
+    indexed: bool = False
+    """Whether the first column is the index of a frame, which is not counted."""
+
+    def number(self, place: int) -> int:
+        """The number of a column, from 1; 0 of an index."""
+        return place + 1 - self.indexed
 
     @property
     def numbers(self) -> Sequence[int]:
@@ -707,14 +713,15 @@ class TextTable:
     def column_called(self, column: int | str) -> int:
         """Place of a column, from 0, by its name or its number, which counts from 1."""
         if isinstance(column, int):
-            if not 1 <= column <= len(self.headings):
+            if not 1 <= column <= self.number(len(self.headings) - 1):
                 raise SceneError("column", f"is {column}, but {self.path} {self._holds()}")
-            return column - 1
+            return column - 1 + self.indexed
         found = [place for place, each in enumerate(self.headings) if each.called(column)]
         if not found:
             found = [place for place, each in enumerate(self.headings) if each.mentions(column)]
         if not found:
-            found = [place for place, entry in enumerate(self._listed) if entry == column]
+            entries = enumerate(self._listed, start=int(self.indexed))
+            found = [place for place, entry in entries if entry == column]
         if len(found) != 1:
             which = "several columns with" if found else "no column with"
             raise SceneError(
@@ -731,7 +738,8 @@ class TextTable:
         ]
         place = stated[-1] if stated else places[-1]
         name = self.headings[place].name
-        by = f"{name!r} or column = {place + 1}" if name else place + 1
+        number = self.number(place)
+        by = f"{name!r} or column = {number}" if name else number
         return SceneError(
             "column",
             f"must say which column of {self.path} holds the values (column = {by}): "
@@ -741,12 +749,12 @@ class TextTable:
     @property
     def _listed(self) -> list[str]:
         """The first columns, as messages list them."""
-        first = enumerate(self.headings[:COLUMNS_LISTED], start=1)
-        return [f"{number} {each.name[:40]}".strip() for number, each in first]
+        counted = self.headings[self.indexed :][:COLUMNS_LISTED]
+        return [f"{number} {each.name[:40]}".strip() for number, each in enumerate(counted, 1)]
 
     def _holds(self) -> str:
         listed = self._listed
-        more = len(self.headings) - len(listed)
+        more = self.number(len(self.headings) - 1) - len(listed)
         return f"holds the columns {', '.join(listed)}" + (f" and {more} more" if more else "")
 
     def is_stamp(self, place: int) -> bool:

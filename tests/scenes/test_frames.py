@@ -85,6 +85,17 @@ test_records_that_are_refused = refusals(
 )
 
 
+def test_the_index_of_a_frame_is_no_column() -> None:
+    frame = pd.DataFrame({"x": VALUES, "z": 2.0 * VALUES}, index=TIMES)
+    for column, factor in ((1, 1.0), ("x", 1.0), (2, 2.0), ("2 z", 2.0)):
+        found = RecordedNoise(values=frame, unit="m/s2", column=column).record
+        np.testing.assert_allclose(found.values, factor * (VALUES - VALUES.mean()), atol=1e-12)
+    with pytest.raises(SceneError, match=r"\(column = 'z' or column = 2\): it holds .* 1 x, 2 z"):
+        RecordedNoise(values=frame, unit="g")
+    with pytest.raises(SceneError, match="is 3, but array holds the columns 1 x, 2 z"):
+        RecordedNoise(values=frame, unit="g", column=3)
+
+
 def test_densities_curves_modes_and_pulses_become_numbers() -> None:
     psd = pd.Series([0.01, 0.01, 0.001], index=[10, 20, 500], name="psd (g2/Hz)")
     noise = TabulatedNoise(values=psd)

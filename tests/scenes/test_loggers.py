@@ -168,6 +168,54 @@ def test_channels_without_times_are_a_table(tmp_path: Path) -> None:
     assert read_record(path, column="Z of rear", fs=FS)[0].fs == FS
 
 
+def write_waveform(path: Path, step: float, over: str, **about: str) -> Path:
+    nptdms = pytest.importorskip("nptdms")
+    about = {"unit_string": "g", "wf_increment": step, "wf_xunit_string": over} | about
+    with nptdms.TdmsWriter(str(path)) as file:
+        file.write_segment([nptdms.ChannelObject("road", "Z", np.abs(Z), properties=about)])
+    return path
+
+
+@pytest.mark.parametrize(
+    ("step", "over", "refused"),
+    [
+        (5.0, "ms", ""), (0.005, "s", ""), (0.005, "", ""), (0.005, "S", ""),
+        (5.0, "Hz", "holds channel Z over frequency, expected time"),
+        (1.0, "", "has a time every 1 in channel Z, without a unit"),
+        (5.0, "turns", "over 'turns', which is not a known unit"),
+    ],
+)  # fmt: skip
+def test_a_waveform_is_over_the_unit_that_its_file_states(tmp_path, step, over, refused) -> None:
+    path = write_waveform(tmp_path / "run.tdms", step, over)
+    if not refused:
+        assert read_record(path)[0].fs == pytest.approx(FS)
+        return
+    with pytest.raises(SceneError, match=refused):
+        read_record(path)
+
+
+def test_a_waveform_over_frequency_is_a_density(tmp_path: Path) -> None:
+    path = write_waveform(tmp_path / "run.tdms", 5.0, "Hz", unit_string="g^2/Hz")
+    assert TabulatedNoise(file=str(path)).numbers()["highest_frequency_hz"] == 1995.0
+    path = write_waveform(tmp_path / "run.tdms", 0.01, "", wf_xname="Frequency")
+    with pytest.raises(SceneError, match="over frequency, expected time"):
+        read_record(path)
+
+
+def test_each_group_of_channels_has_its_own_clock(tmp_path: Path) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    path = tmp_path / "run.tdms"
+    groups = {"run1": (TIME, "a", Z), "run2": (2.0 * TIME, "b", X)}
+    with nptdms.TdmsWriter(str(path)) as file:
+        for of, (times, name, values) in groups.items():
+            columns = (("time", times), (name, values))
+            file.write_segment([nptdms.ChannelObject(of, *each) for each in columns])
+    for column, rate in (("a", FS), ("b", FS / 2.0), (4, FS / 2.0), ("4 b of run2", FS / 2.0)):
+        assert read_record(path, column=column)[0].fs == pytest.approx(rate)
+    with pytest.raises(SceneError, match=r"one channel .*: 1 time of run1; 2 a of run1; 3 time"):
+        read_record(path)
+
+
 @pytest.mark.parametrize("kind", ["u1", "i2", "i4", "f4"])
 def test_a_sound_is_a_part_of_full_scale(kind: str, tmp_path: Path) -> None:
     path, part = tmp_path / "run.wav", np.tile([0.5, -0.5, 0.25, -0.25], 100)

@@ -570,6 +570,38 @@ def test_names_of_variables_state_units_and_a_file_without_times_says_how_to_go_
     assert of_record(path, fs=200.0, variables=["acc_g"]).density_unit == "g2/Hz"
 
 
+@pytest.mark.parametrize("suffix", [".npy", ".npz", ".mat"])
+@pytest.mark.parametrize("along", [1e3 * TIME, np.arange(len(TIME))], ids=["ms", "rows"])
+def test_a_matrix_whose_first_column_may_not_be_seconds_is_refused(tmp_path, suffix, along) -> None:
+    path, matrix = tmp_path / f"run{suffix}", np.column_stack([along, VALUES])
+    write = {".npy": np.save, ".npz": lambda path, a: np.savez(path, a=a)}
+    write.get(suffix, lambda path, a: savemat(path, {"a": a}))(path, matrix)
+    with pytest.raises(SceneError, match=r"has a time every .* without a unit"):
+        of_record(path, unit="g")
+    np.savez(tmp_path / "of.npz", run_mg=np.column_stack([TIME, VALUES]))
+    with pytest.raises(SceneError, match=r"is 'm/s2', but the name run_mg in .* says 'mg'"):
+        of_record(tmp_path / "of.npz", unit="m/s2")
+
+
+def test_times_of_a_uff_file_without_a_unit_may_be_milliseconds(tmp_path: Path) -> None:
+    path = write_uff(tmp_path / "run.uff", (TIME_RESPONSE, "floor", 1e3 * TIME, VALUES, "g"))
+    with pytest.raises(SceneError, match="has a time every 5 in dataset 1, without a unit"):
+        of_record(path)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".mat"])
+def test_complex_values_are_listed_and_never_replaced_by_the_times(tmp_path, suffix) -> None:
+    write = savemat if suffix == ".mat" else lambda path, held: np.savez(path, **held)
+    path = tmp_path / f"run{suffix}"
+    write(path, {"t": TIME, "acc_g": VALUES + 1j})
+    with pytest.raises(SceneError, match=r"acc_g \(\d+, complex\)$"):
+        of_record(path)
+    with pytest.raises(SceneError, match="names 'acc_g', which is complex in"):
+        of_record(path, variables=["t", "acc_g"])
+    write(path, {"t": TIME, "acc_g": VALUES + 0j})
+    assert of_record(path).record.fs == 200.0
+
+
 def test_a_complex_density_without_imaginary_parts_is_real(tmp_path: Path) -> None:
     import pyuff
 

@@ -19,7 +19,7 @@ from stochvi.mathematics.numerics import Matrix, Vector
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.errors import SceneError
 from stochvi.scenes.characteristics import Characteristic, Damper, Spring
-from stochvi.scenes.readers import read_foreign, read_numpy
+from stochvi.scenes.readers import read_arrays
 from stochvi.scenes.validation import (
     Checked,
     Count,
@@ -627,7 +627,7 @@ def read_matrices(file: str, names: Mapping[str, str], *, damped: bool) -> dict[
     kind = KINDS.get(path.suffix.lower())
     if kind is None:
         raise SceneError(f"{path} must end in one of {', '.join(KINDS)}")
-    arrays = {each.name: each.y for each in read_foreign(path, kind)} if kind else read_numpy(path)
+    arrays = read_arrays(path, kind)
     held = {name.lower(): array for name, array in arrays.items()}
     found = {}
     for key in ("mass", "stiffness", *["damping"] * damped):
@@ -640,8 +640,9 @@ def read_matrices(file: str, names: Mapping[str, str], *, damped: bool) -> dict[
                 f'write {key} = "NAME"'
                 f"{', or zeta in the place of damping' if key == 'damping' else ''}"
             )
-        if matrix.ndim != 2:
-            raise SceneError(f"{path} must hold a square matrix {name!r}, got a vector")
+        if matrix.ndim != 2 or np.iscomplexobj(matrix):
+            got = "a vector" if matrix.ndim != 2 else "a complex one"
+            raise SceneError(f"{path} must hold a real square matrix {name!r}, got {got}")
         found[key] = matrix
     return found
 
