@@ -109,7 +109,7 @@ class Production(Result):
     tolerances
         One row per spread quantity and per tolerance of `allowed`, `tolerance` in words. Where it
         is as its mean, or as stated, the production needs less by `clearance_cost` for the same
-        mean risk (m, the largest of the sized pairs; NaN where the budget ended before).
+        mean risk: m, the largest of the sized pairs; NaN where the budget ended before.
         `first_order` and `total` are its shares of the variance of the clearance that a unit needs,
         with their standard errors `first_order_error` and `total_error`; NaN for `allowed`, in
         which units do not differ.

@@ -204,8 +204,8 @@ _heard = [0]
 """Number of times that Ctrl-C has ended calculations in this process, as the only entry."""
 
 _late = [0]
-"""Number of times that a deadline was found to be over by the clock in this process, or a
-calculation was cut short by it, as the only entry."""
+"""Number of times that the clock of this process found a deadline over, or one cut a calculation
+short. It is the only entry."""
 
 _heeded_from: list[int] = []
 """Value of `_heard` when `graceful_interrupt` was entered, as the only entry; empty outside it."""
