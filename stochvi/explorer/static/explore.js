@@ -121,16 +121,13 @@ export function render({ model, el }) {
   let answer = { numbers: {}, dots: [], stiffness: [] }, pinned = null;
 
   const heading = element("h1", { textContent: "stochvi explore" });
-  const sentence = element("p", { className: "answer" });
-  sentence.setAttribute("role", "status");
+  const sentence = element("p", { className: "answer", role: "status" });
   const facts = element("ul", { className: "facts" });
   const state = element("p", { className: "state", textContent: "compiling what the first turn needs" });
-  const panel = element("form", { className: "knobs" });
+  const panel = element("form", { className: "knobs", ariaLabel: "knobs" });
   panel.addEventListener("submit", (event) => event.preventDefault());
-  panel.setAttribute("aria-label", "knobs");
   const chosen = element("div", { className: "choices" });
-  const tip = element("p", { className: "state" });
-  tip.setAttribute("role", "status");
+  const tip = element("p", { className: "state", role: "status" });
   const shown = element("div", { className: "pictures" });
   const [results, numbers] = tableOf(NUMBERS, ["quantity", "value", "method"], "numbers");
   const [comparison, differences] = tableOf("Pinned design, and the one of the knobs", ["quantity", "pinned", "now", "change"], "differences");
@@ -140,10 +137,8 @@ export function render({ model, el }) {
   const reset = button("As in the scene", () => open({ preset: choices.preset, system }));
   const confirm = button("Confirm by simulation", confirmPinned);
   const cancel = button("Cancel", () => model.send({ type: "cancel", id: confirming, tab }));
-  const share = element("progress", { max: 1, value: 0 });
-  share.setAttribute("aria-label", "progress of the confirmation");
-  const about = element("p", { className: "state" });
-  about.setAttribute("role", "status");
+  const share = element("progress", { max: 1, value: 0, ariaLabel: "progress of the confirmation" });
+  const about = element("p", { className: "state", role: "status" });
   const held = element("div", { className: "buttons" }, goBack, unpin, confirm, cancel, share);
   const buttons = element("div", { className: "buttons" }, pin, reset);
   const taken = element("div", { className: "taken" });
@@ -466,9 +461,8 @@ export function render({ model, el }) {
   }
   // a page that needs no Python: which knobs move in it, what that costs, and its making
   function offerPage() {
-    const told = element("p", { className: "state" }), share = element("progress", { max: 1, value: 0, hidden: true });
-    told.setAttribute("role", "status");
-    share.setAttribute("aria-label", "progress of the file");
+    const told = element("p", { className: "state", role: "status" });
+    const share = element("progress", { max: 1, value: 0, hidden: true, ariaLabel: "progress of the file" });
     const usual = knobs.filter((each) => /clearance$|frequency_hz$|level_db$/.test(each.key)).slice(0, 3);
     const marks = knobs.map((knob) => {
       const mark = element("input", { type: "checkbox", checked: usual.length ? usual.includes(knob) : knob === knobs[0] });
@@ -497,7 +491,7 @@ export function render({ model, el }) {
       element("div", { className: "buttons" }, label, steps, make, stop, share), told);
     offered = {
       say(words, ready) { told.textContent = words; make.disabled = !ready; },
-      at(done) { share.value = done; },
+      at({ done, words }) { share.value = done; told.textContent = words; },
     };
     price();
   }
@@ -550,10 +544,7 @@ export function render({ model, el }) {
       turn();
     },
     progress(message) {
-      if (message.id === taking && offered) {
-        offered.say(message.words, false);
-        offered.at(message.done);
-      }
+      if (message.id === taking) offered?.at(message);
       if (message.id !== confirming) return;
       share.value = message.done;
       about.textContent = message.words;
@@ -571,9 +562,7 @@ export function render({ model, el }) {
         return;
       }
       const copy = button("Copy", async () => { await navigator.clipboard.writeText(message.text); copy.textContent = "Copied"; });
-      const text = element("pre", { textContent: message.text, tabIndex: 0 });
-      text.setAttribute("role", "region");
-      text.setAttribute("aria-label", message.name);
+      const text = element("pre", { textContent: message.text, tabIndex: 0, role: "region", ariaLabel: message.name });
       taken.replaceChildren(text, element("div", { className: "buttons" }, copy, button(`Save ${message.name}`, () => save(message))));
     },
     answer(message) {

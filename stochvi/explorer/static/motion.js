@@ -16,7 +16,7 @@ export function motion({ stops, range, move, system }) {
   const box = element("figure", { className: "moving" }, element("div", { className: "heading" }, caption, pause), svg);
   const still = matchMedia("(prefers-reduced-motion: reduce)");
   let path = null, time = 0, last = performance.now(), paused = still.matches, lit = {}, hits = 0, before = -1;
-  let marks = [], rest = 0, parts = {}, width = 900, reach = 1, held = false;
+  let marks = [], rest = 0, parts = {}, width = 900, reach = 1, held = false, laid = "";
 
   const floor = HEIGHT - 40;
   const at = (x) => width / 2 + (x / reach) * (width / 2 - MASS / 2 - 40);
@@ -27,7 +27,8 @@ export function motion({ stops, range, move, system }) {
     svg.setAttribute("viewBox", `0 0 ${width} ${HEIGHT}`);
     const now = stops();
     if (!held) { // a scale that moves under the hand cannot be aimed at
-      reach = ROOM * Math.max(...[...Object.values(now), ...marks.map((each) => each.at + Math.abs(rest))].filter(Number.isFinite).map(Math.abs), 1e-9);
+      const places = [...Object.values(now), ...marks.map((each) => each.at + Math.abs(rest))].filter(Number.isFinite);
+      reach = ROOM * Math.max(...places.map(Math.abs), 1e-9);
     }
     const kept = document.activeElement?.dataset?.side;
     const mass = drawn("rect", { class: "mass", x: -MASS / 2, y: floor - MASS, width: MASS, height: MASS });
@@ -125,7 +126,12 @@ export function motion({ stops, range, move, system }) {
     box, layout,
     // a path of the design that is shown; none while a new one is asked for
     show(found) { path = found; time = 0; hits = 0; before = -1; lit = {}; place(); },
-    mark(found, hangs) { marks = found; rest = hangs; layout(); },
+    mark(found, hangs) {
+      const now = JSON.stringify([found, hangs, stops(), system()]);
+      if (now === laid) return; // a stop that is drawn anew slips from the hand
+      [laid, marks, rest] = [now, found, hangs];
+      layout();
+    },
     end() { live = false; },
   };
 }

@@ -41,9 +41,7 @@ function swatch({ kind, colour }) {
 //   dots   [{name, colour, points: [{x, y, low, high}]}],
 //   marks  [{name, colour, kind, x}] vertical, and levels [{name, colour, kind, y}] horizontal.
 export function picture({ title, method, x, y, colours }) {
-  const plot = element("div", { className: "plot" });
-  plot.setAttribute("role", "img");
-  plot.setAttribute("aria-label", `${title}; its numbers are in the tables`);
+  const plot = element("div", { className: "plot", role: "img", ariaLabel: `${title}; its numbers are in the tables` });
   const legend = element("ul", { className: "legend" });
   const read = element("p", { className: "read" });
   const caption = element("figcaption", {}, element("strong", { textContent: title }), element("span", { textContent: method }));
