@@ -260,6 +260,10 @@ def test_an_error_that_must_be_found_is_found_or_more_paths_are_asked_for() -> N
     assert all(each.passed for each in found[0])
     # the mean square is off by 3 %, the deviation by 1.489 %
     assert binom.cdf(sum(bool(each.failures) for each in found[1]), 40, 0.95) > 1e-3
+    few_hits = {"collision_rate": (0.0, 0.0), "velocity_std": (1.0, 1e-3)}
+    rare = {"scenes": ["elastic-half-sigma"], "paths": 16, "relaxations": 0.01}
+    seen = judge(lambda problem, seed: few_hits, **rare, finds_percent=50.0)
+    assert not seen.failures and not seen.passed
     with pytest.raises(ValueError, match="finds_percent must be above allowed_percent"):
         judge(drawn(1.0), ["linear"], allowed_percent=2.0, finds_percent=1.0)
 

@@ -826,7 +826,7 @@ class Judgement(Result):
                 known = f"would miss an error of {self.finds_percent:g} %"
                 lacks = worst.found_percent - self.allowed_percent
                 longer = (lacks / (self.finds_percent - self.allowed_percent)) ** 2
-                more = f" by a factor of {longer:.2g}"
+                more = f" by a factor of {longer:.2g}" if longer > 1.0 else ""
             return (
                 f"{len(wide)} of {len(self.findings)} quantities are too uncertain to judge: "
                 f"{worst.quantity} of {worst.scene} {known}; raise paths or relaxations{more}"
@@ -1062,7 +1062,7 @@ def _required(row: Finding, finds_percent: float) -> Finding:
     """A finding that passes only where an error of that size would be found."""
     if row.verdict in (DISAGREES, NOT_FINITE):
         return row
-    sharp = row.found_percent <= finds_percent
+    sharp = row.verdict == AGREES and row.found_percent <= finds_percent
     return replace(row, verdict=AGREES if sharp else TOO_UNCERTAIN)
 
 
