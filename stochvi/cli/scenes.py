@@ -260,7 +260,7 @@ def new(file: Path, kind: str, **given: str | None) -> None:
         "beam": f"explain {file}, and stochvi simulate {file} --out out",
         "modes": f"explain {file}, and stochvi simulate {file} --out out",
         "hammer": f"sine {file} --from 8 --to 16 --out out, and stochvi impacts {file}",
-    }.get(kind, f"size {file} --probability 0.01 --out out")
+    }.get(kind, f"size {file} --probability 1% --out out")
     if asked:
         from stochvi.scenes.scene import load_scene
 

@@ -561,8 +561,15 @@ class Screening(Result):
         return {**super()._document(), **only}
 
 
+HARDLY_EVER = 1e-9
+"""Crossings an hour, one in 100,000 years, below which none is spoken of: no noise is Gaussian as
+far as that."""
+
+
 def _passed(rate: float) -> str:
     """How often a level is passed, 1/s, by Rice, in words."""
+    if 3600.0 * rate < HARDLY_EVER:
+        return "practically never passed (Rice)"
     each = "an" if HOURLY.time == "hour" else "a"
     return f"passed {count_of(HOURLY(rate))} times {each} {HOURLY.time} (Rice)"
 

@@ -196,7 +196,10 @@ CHECKS: dict[str, Callable[[str, Any], None]] = {
         f"Mapping[str, {kind}]": _is_a(Mapping, f"a table of names and values of {kind}")
         for kind in ("Scene", "Spread", "Statistic")
     },
-    **{kind: _named(kind) for kind in ("Sizing", "Problem", "Estimate", "Tolerances", "Axes")},
+    **{kind: _named(kind) for kind in ("Sizing", "Problem", "Estimate", "Axes")},
+    "Tolerances": _named(
+        "Tolerances", "Tolerances, as stochvi.isolators.tolerances.Tolerances(frequency=0.1)"
+    ),
     "Excitation": _named("BaseExcitation", "Excitation"),
 }
 """Checks of arguments by their annotation, which may also allow None."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import cmath
 import math
+import shlex
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -780,10 +781,11 @@ def model_of(scene: Scene) -> Model:
         return known[1]
     if scene.phases:
         names = [phase.name for phase in scene.phases]
+        one = shlex.quote(f"FILE.toml#{names[0]}")
         sentence = (
-            f"must be one here, got {len(names)} ({', '.join(names)}); name it, as in "
-            f"FILE.toml#{names[0]} (in Python scene.in_phase({names[0]!r})), or ask reliability, "
-            "size or damage for all of them"
+            f"must be one here, got {len(names)} ({', '.join(names)}); name it, as in {one} (in "
+            f"Python scene.in_phase({names[0]!r})), or ask reliability, size or damage for all of "
+            "them"
         )
         raise SceneError("phase", sentence)
     model = _build_model(scene.expanded)

@@ -1225,6 +1225,8 @@ class Scene(Checked):
         for excitation in self.excitations:
             if isinstance(excitation, DensityNoise):
                 found += excitation.assumptions(*self._resonance())
+        shocks = [each.of_its_rate for each in self.excitations if isinstance(each, Pulses)]
+        found += dict.fromkeys(filter(None, shocks))
         noises = [each for each in self.excitations if isinstance(each, DensityNoise)]
         found += dict.fromkeys(sentence for each in noises for sentence in each.of_its_kurtosis)
         functions = [part.law for part in self.structure.functions]

@@ -307,11 +307,13 @@ def _test_section(found: Damage, test: TailoredTest) -> Section:
 
 def hits_in_words(found: Damage) -> list[str]:
     """Sentences on the impacts, their energy and accelerations."""
+    several = len(found.provenance.get("scene", {}).get("phase", ())) > 1
+    impacts = "impacts, mean over the mission:" if several else "impacts:"
     energy = f" {ENERGY}/kg" if found.scene_without_mass else f" {ENERGY}"
     lines = [
         f"{words} {_hourly(quantity(estimate))}{unit} per {HOURLY.time}"
         for words, estimate, quantity, unit in (
-            ("impacts:", found.impacts_per_hour, NUMBER, ""),
+            (impacts, found.impacts_per_hour, NUMBER, ""),
             ("impacts bring", found.impact_work_per_hour, ENERGY, energy),
             ("impacts lose", found.impact_loss_per_hour, ENERGY, energy),
         )

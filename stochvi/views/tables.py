@@ -235,7 +235,7 @@ def of_less_risk(sizing: Sizing) -> list[str]:
         return []
     (name, nominal) = max(sizing.named.items(), key=lambda each: each[1].value)
     return [
-        f"Ten times less risk takes {LENGTH.text(row[name] - nominal.value, '.2g')} more"
+        f"A tenth of the risk needs {LENGTH.text(row[name] - nominal.value, '.2g')} more"
         f"{sizing.of_widest}"
         for row in rows_of(sizing, "required")
         if np.isclose(row["probability"], 0.1 * target.value) and math.isfinite(row[name])

@@ -364,11 +364,12 @@ def _rest(explanation: Explanation) -> list[str]:
         lines.append(f"at rest under constant loads: {listed}")
     for name, gap in explanation.rest_of_gaps.items():
         left = [
-            f"{LENGTH.text(distance, '.3g')} from its {side} stop"
+            f"{LENGTH.text(distance, '.3g')} from the {side} stop"
             for side, distance in (("lower", gap.to_lower), ("upper", gap.to_upper))
             if distance is not None
         ]
-        lines.append(f"{name} rests at {LENGTH.text(gap.position, '.3g')}, {' and '.join(left)}")
+        place = LENGTH.text(gap.position, ".3g")
+        lines.append(f"{name}: at rest the gap is at {place}, {' and '.join(left)}")
     return lines
 
 
@@ -734,14 +735,14 @@ def shocks_told(found: FoundShocks) -> Told:
 
     def spoken(row: Mapping[str, float]) -> str:
         length, height = row["length"], row["height"]
-        return f"{MILLISECONDS.text(length, '.3g')} from {quantity.text(height, '.3g')} on"
+        return f"from {quantity.text(height, '.3g')} on at {MILLISECONDS.text(length, '.3g')}"
 
     heights = [abs(each.height) for each in found.shocks]
     lengths = rows_of(found.smallest)
     statements = [f"Heights: {quantity.span(min(heights), max(heights), '.3g')}"] if heights else []
     statements += [
         f"False ones to expect in such a record: at most {found.false_alarms:.2g}",
-        f"Found in nine of ten: half sines of {spoken(lengths[0])}, of {spoken(lengths[-1])}",
+        f"Nine of ten half sines are found {spoken(lengths[0])}, {spoken(lengths[-1])}",
     ]
     columns = "at = start {s}; length = duration {ms}; height = height {%s}; over_threshold {.3g}"
     grids = Grid.of("shocks", found.shocks, columns % found.unit, 0)

@@ -249,7 +249,7 @@ def test_the_answer_takes_ten_lines_and_the_rest_is_asked_for(
     assert page.startswith("Next, a page to sign: stochvi size ")
     table = json.loads(Path("a").read_text(encoding="utf-8"))["required"]
     more = table[2]["clearance"] - table[1]["clearance"]
-    assert f"Ten times less risk takes {1e3 * more:.2g} mm more" in brief.out
+    assert f"A tenth of the risk needs {1e3 * more:.2g} mm more" in brief.out
 
 
 def test_one_stop_and_none_are_told_apart() -> None:

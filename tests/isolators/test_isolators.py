@@ -43,6 +43,7 @@ from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.methods.linearisation.structure_closure import solutions
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline
+from stochvi.results.errors import SceneError
 from stochvi.results.estimates import Estimate
 from stochvi.scenes import RigidBody
 from stochvi.scenes.datasets import shipped_scene, zoo_files
@@ -52,6 +53,7 @@ from support.commands import Run, one_document
 from support.known import oscillator, to_toml
 from support.pairs import LAW as LAW_OF_PAIRS
 from support.pairs import diagonal, pair, uncoupled
+from support.sized import scene_between_stops
 
 STOPS = ImpactPair(lower=-1e-3, upper=2e-3, law=Restitution(coefficient=1.0))
 
@@ -488,3 +490,16 @@ def test_modes_are_those_of_the_body_and_their_masses_add_up() -> None:
 
 def test_other_structures_are_no_boxes() -> None:
     assert box_overview(uncoupled(pair("x", "x", 4.0)), MISSION) is None
+
+
+def test_stops_that_noise_never_reaches_are_practically_never_passed() -> None:
+    """A rate of 1e-33 an hour says nothing of a mount: no noise is Gaussian as far as that."""
+    quiet = scene_between_stops(noise=TRUCK.replace(level_db=-12.0))
+    assert screen(quiet).stops_in_words() == ["Your stops: practically never passed (Rice)"]
+    assert "times an hour" in screen(scene_between_stops()).stops_in_words()[0]
+
+
+def test_a_phase_is_named_as_a_shell_takes_it() -> None:
+    phases = [{"name": name, "duration": 60.0} for name in ("rough road", "plane")]
+    with pytest.raises(SceneError, match=r"as in 'FILE\.toml#rough road' "):
+        screen(scene_between_stops().replace(phases=phases))

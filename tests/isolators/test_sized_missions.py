@@ -10,6 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -36,7 +37,14 @@ from stochvi.isolators import (
     size_by_damage,
 )
 from stochvi.isolators.sizing.answer import Sizing
-from stochvi.isolators.sizing.size import FIRST_SIGMA, HazardInPhase
+from stochvi.isolators.sizing.size import (
+    BUDGET_ENDED,
+    FIRST_SIGMA,
+    HazardInPhase,
+    Joint,
+    PhaseMotion,
+    spoken_shocks,
+)
 from stochvi.isolators.tolerances import Change, Tolerances, all_applied
 from stochvi.mathematics.numerics import Array
 from stochvi.results.estimates import Estimate
@@ -48,6 +56,7 @@ from stochvi.statistics.damage import Damage
 from stochvi.statistics.damage.equipment import SpectrumValues
 from stochvi.views.isolator_tables import sizing_told
 from stochvi.views.report import write_report
+from stochvi.views.report.missions import plot_densities
 from support import judges
 from support.accuracies import run_of
 from support.mounts import two_stages
@@ -533,6 +542,48 @@ def test_several_pairs_are_sized_for_shocks_beside_noise() -> None:
     # without shocks far fewer are hit
     without = risk(found.sized().replace(excitations=quiet.excitations))
     assert without.value < 0.04
+
+
+def test_what_a_clearance_under_shocks_rests_on_is_told() -> None:
+    """Its interval takes the rate of the shocks as exact, and beyond what one shock alone brings
+    two of them decide."""
+    shocks = Pulses(on="base", rate="360/h", shape="half-sine", duration=0.02, amplitude=40.0)
+    quiet = two_stages(LAW, LAW)
+    whole = Phase(name="rough road", duration=600.0)
+    scene = quiet.replace(excitations=[*quiet.excitations, shocks], phases=[whole])
+    motion = PhaseMotion.of(whole, scene)
+    assert motion.motion.shocks is not None
+    alone = motion.motion.shocks.reach
+    (rate,) = spoken_shocks({"rough road": motion}, alone)
+    assert rate.startswith("shocks come at 360 an hour, which is taken as exact")
+    assert rate in quiet.replace(excitations=[shocks]).assumptions()
+    _, overlap = spoken_shocks({"rough road": motion}, 2.0 * alone + 10.0 * motion.sigma)
+    assert f"moves the mass by {1e3 * alone.max():.3g} mm: shocks that overlap decide" in overlap
+
+
+def test_each_axis_of_a_phase_has_its_own_curve_and_rms() -> None:
+    densities = {
+        "truck": {
+            f" along {axis}": TabulatedNoise(profile=PROFILE, level_db=level).table
+            for axis, level in (("x", 0.0), ("z", 6.0206))
+        }
+    }
+    ax = plot_densities(densities)
+    assert [each.get_label() for each in ax.get_lines()] == [
+        "truck along x, 1.08 g rms", "truck along z, 2.16 g rms"
+    ]  # fmt: skip
+    assert len({each.get_color() for each in ax.get_lines()}) == 2
+    plt.close(ax.figure)
+
+
+def test_a_budget_that_ends_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Joint, "short", lambda *_: [f"{BUDGET_ENDED}at a relative error of 0.4"])
+    with pytest.raises(NotConverged) as reason:
+        sized(THREE["rough and cold"])
+    assert str(reason.value).count("budget") == 2  # what it ended, and the remedy
+    assert str(reason.value).endswith(
+        " ended at a relative error of 0.4; raise budget or rel_error"
+    )
 
 
 @pytest.mark.parametrize("shocks", [None, "a rare one, far larger than the rms motion"])

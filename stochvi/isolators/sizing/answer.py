@@ -1145,7 +1145,7 @@ def places_in_words(
         return ", ".join(f"{place} at {name}" for name, place in made.items())
     low, *_, high = (name for name in _by_size(made, calculated) if name in made)
     first = f"from {made[low]} at {low} to {made[high]} at {high}"
-    return f"{first}, each of {len(made)} pairs its own (see the table)"
+    return f"{first}, each of {len(made)} pairs its own"
 
 
 def sides_in_words(scene: Scene, names: Collection[str]) -> str:

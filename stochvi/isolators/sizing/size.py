@@ -45,7 +45,7 @@ from stochvi.isolators.tolerances import (
     worst_within,
 )
 from stochvi.mathematics.numerics import Matrix, Vector
-from stochvi.mathematics.units import power_ratio
+from stochvi.mathematics.units import LENGTH, power_ratio
 from stochvi.mathematics.unsteady_noise import RandomLevel
 from stochvi.model.coverage import free_motion, modulated, nonlinear, scene_notes, unshaken
 from stochvi.model.model import Model, model_of
@@ -55,6 +55,7 @@ from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import provenance, spoken_percent
 from stochvi.sampling.calculations import AccuracyOptions, calculation
 from stochvi.sampling.run import Run, sampled
+from stochvi.scenes.excitations.drawn import Pulses
 from stochvi.scenes.phases import Phase, steps_of_bands
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.validation import varied
@@ -350,6 +351,9 @@ class HazardInPhase:
 # ------------------------------------------------------------------------------
 
 
+BUDGET_ENDED = "the budget ended "
+"""Beginning of sentences on what the budget ended."""
+
 POINTS, AROUND = 41, 0.35
 """Number of clearances of the curve of an answer, and how far it reaches from the clearance that
 was found, as a share of it."""
@@ -404,8 +408,8 @@ class Joint:
         for name, phase in self.phases.items():
             if (reached := phase.reached) > 1.3 * accuracy:
                 found.append(
-                    f"the budget ended at a relative error of {reached:.3g} of the probability of "
-                    f"an impact in phase {name}"
+                    f"{BUDGET_ENDED}at a relative error of {reached:.3g} of the probability of an "
+                    f"impact in phase {name}"
                 )
         return found
 
@@ -578,6 +582,7 @@ def size_mission(
         assumptions=(
             *([INDEPENDENT] if len(phases) > 1 else []),
             *spoken_lags({name: each.scene for name, each in phases.items()}, scene.phases),
+            *spoken_shocks(phases, ends[:, 0]),
             *([FOLLOWED] if any(each.scene.random_level for each in phases.values()) else []),
             *([IN_PIECES] if any(each.pieces is not None for each in phases.values()) else []),
             *(f"phase {name} adds less than {_limit(share)} to the risk; Rice's formula bounds it"
@@ -616,6 +621,29 @@ def _together(
         return whole.simulated(farther * shared.of_widest, run)
     places = np.linspace(0.0, FARTHEST_PLACE * shared.places.max(), PLACES)[1:]
     return whole.in_pieces(places, hazard, run, shared.depth)
+
+
+def spoken_shocks(phases: Mapping[str, PhaseMotion], clearances: Vector) -> list[str]:
+    """Sentences on the rate of shocks, and on clearances that one shock alone does not reach."""
+    found = list[str]()
+    for name, phase in phases.items():
+        shocks = phase.motion.shocks
+        if shocks is None:
+            continue
+        found += (each.of_its_rate for each in phase.scene.excitations if isinstance(each, Pulses))
+        widest = int(np.argmax(clearances))
+        alone = float(shocks.reach[widest])
+        if shocks.sizes == "equal" and clearances[widest] > alone + OVERLAP * phase.sigma[widest]:
+            found.append(
+                f"one shock of phase {name} moves the mass by {LENGTH.text(alone, '.3g')}: shocks "
+                "that overlap decide on the clearance"
+            )
+    return list(dict.fromkeys(found))
+
+
+OVERLAP = 6.0
+"""Distance from where one shock brings a gap, in its rms motions, beyond which overlapping shocks
+decide: noise alone adds it once in 1e8 crossings."""
 
 
 def _limit(share: float) -> str:
@@ -783,9 +811,10 @@ class ChangedMissions:
             again = replace(run, rel_error=WORST_ERROR)
             place = self.simulated(worst[1], worst[0], again)
         except (NotConverged, Interrupted) as reason:
-            return frame_of([self._row(found[0])]), [
-                f"the largest clearance within the tolerances was not found: {reason}"
-            ]
+            sought = "the largest clearance within the tolerances was"
+            late = f"{BUDGET_ENDED}before {sought} found"
+            lacks = late if run.deadline.passed() else f"{sought} not found: {reason}"
+            return frame_of([self._row(found[0])]), [lacks]
         # with one quantity alone the search ends where its row is
         place, risk = np.max([each for _, each in found] + [[place, riskiest[0]]], axis=0)
         found.append((f"{WORST}: {worded(worst[1])}", np.array([place, risk])))
@@ -1323,9 +1352,12 @@ def _of_phases(
     except NotApplicable as reason:
         # the user called `size`, whatever function it came from
         raise NotApplicable("size", reason.conditions) from reason
-    if found.warnings:
-        raise run.deadline.fell_short(found.warnings[0], "raise budget or rel_error", found)
-    return found
+    if not found.warnings:
+        return found
+    where = found.warnings[0].removeprefix(BUDGET_ENDED)
+    if where == found.warnings[0]:  # something else than the clock
+        raise NotConverged(where, found)
+    raise run.deadline.fell_short(where, "raise budget or rel_error", found)
 
 
 def _within_tolerances(found: Sizing, run: Run) -> Sizing:

@@ -241,6 +241,16 @@ class Pulses(DrawnExcitation):
         return self._shock
 
     @property
+    def of_its_rate(self) -> str:
+        """What answers take the rate of shocks for, in a sentence; empty for impulses."""
+        if self._shock is None:
+            return ""
+        return (
+            f"shocks come at {3600.0 * self.rate:.3g} an hour, which is taken as exact: intervals "
+            "leave out how well it is known"
+        )
+
+    @property
     def size(self) -> float:
         """What the size of a pulse is over: its impulse, or the peak of a shock over that of its
         shape."""

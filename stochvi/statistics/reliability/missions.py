@@ -305,7 +305,9 @@ class Reliability(Result):
         mission, told = spoken_mission(self.mission), []
         for each in self.chances.values():
             likely = f"{each.likely} likely" if "%" in each.likely else each.likely
-            told.append(f"{each.words} in {mission}: {likely} ({each.interval})")
+            sure = each.likely.startswith("over")
+            interval = "" if sure else f" ({each.interval})"
+            told.append(f"{each.words} in {mission}: {likely}{interval}")
         for name, why in self.missing.items():
             what = "not accurate" if name in self.chances else "not found"
             told.append(f"{name.replace('_', ' ')}: {what}, {why}")

@@ -15,16 +15,17 @@ from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import ACCELERATION, DENSITY, spoken_mission
 from stochvi.results.estimates import spoken_percent
 from stochvi.results.files import Origin
+from stochvi.scenes.excitations.base import DensityNoise
 from stochvi.scenes.phases import Phase
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Isolator
 from stochvi.views.axes import (
     FREQUENCY,
-    OWNERS,
     PAGE,
     Chart,
     Scale,
     axes_or_new,
+    owner_colours,
 )
 from stochvi.views.isolator_tables import (
     damage_ratio_told,
@@ -128,25 +129,41 @@ def _clearance_page(
 
 def _environment(found: Sizing) -> Section:
     """What shakes in each phase."""
-    scene, densities = found.scene, found.densities()
+    scene = found.scene
+    scenes = {phase.name: phase.of(scene) for phase in scene.phases}
+    densities = {name: _by_axis(scenes[name], each) for name, each in found.densities().items()}
+    beside = "; without its shocks" if any(each.has_shocks for each in scenes.values()) else ""
     return Section(
         title="Environment",
         lead="Densities are one-sided per hertz. 1 g = 9.80665 m/s².",
         facts=[
             Fact(
                 f"{phase.name}, {spoken_mission(phase.duration)}",
-                "; ".join(_rms(table, ".4g") for table in densities[phase.name]) or "-",
-                "; ".join([*_sources(phase.of(scene)), *_mounts(phase)]),
+                "; ".join(
+                    _rms(table, ".4g") + along for along, table in densities[phase.name].items()
+                )
+                + (" without its shocks" if scenes[phase.name].has_shocks else "")
+                or "-",
+                "; ".join([*_sources(scenes[phase.name]), *_mounts(phase)]),
             )
             for phase in scene.phases
         ],
         pictures=[
             Picture(
                 lambda: plot_densities(densities),
-                "One-sided density of the acceleration of the base in each phase.",
+                f"One-sided density of the acceleration of the base in each phase{beside}.",
             )
         ],
     )
+
+
+def _by_axis(scene: Scene, tables: Sequence[Table]) -> dict[str, Table]:
+    """The densities of a phase, by the axis along which each moves the base, in words."""
+    noises = [each for each in scene.excitations if isinstance(each, DensityNoise)]
+    axes = [f" along {each.axis}" if each.axis else "" for each in noises]
+    if len({*axes}) < len(axes) or len(axes) != len(tables):
+        axes = [f" ({number})" for number in range(1, len(tables) + 1)]
+    return dict(zip(axes if len(tables) > 1 else [""], tables, strict=False))
 
 
 def _rms(table: Table, form: str) -> str:
@@ -165,14 +182,16 @@ def _mounts(phase: Phase) -> list[str]:
     return [f"{name} of the mount times {each:g}" for name, each in factors.items() if each != 1.0]
 
 
-def plot_densities(densities: Mapping[str, Sequence[Table]], ax: Axes | None = None) -> Axes:
-    """Acceleration density against frequency, a colour for each phase."""
+def plot_densities(densities: Mapping[str, Mapping[str, Table]], ax: Axes | None = None) -> Axes:
+    """Acceleration density against frequency, a colour for each phase and axis."""
     chart = Chart.on(ax, FREQUENCY, Scale("one-sided density", DENSITY, log=True))
-    for number, (name, tables) in enumerate(densities.items()):
-        colour, style = OWNERS[number % len(OWNERS)], STYLES[number % len(STYLES)]
-        for table in tables:
-            words = f"{name}, {_rms(tables[0], '.3g')}"
-            chart.curve(table.frequency_hz, table.density, words, colour, style)
+    curves = [
+        (f"{name}{along}, {_rms(table, '.3g')}", table, STYLES[number % len(STYLES)])
+        for number, (name, tables) in enumerate(densities.items())
+        for along, table in tables.items()
+    ]
+    for (words, table, style), colour in zip(curves, owner_colours(len(curves)), strict=True):
+        chart.curve(table.frequency_hz, table.density, words, colour, style)
     return chart.finish()
 
 
