@@ -683,7 +683,10 @@ def test_methods_of_answers_and_scenes_check_their_plain_arguments() -> None:
         (lambda: found.plot(units=1), "units must be a text, got 1"),
         (lambda: found.plot(1), "ax must be an Axes, got 1"),
         (lambda: found.changed("x"), "change must be a function, got 'x'"),
-        (lambda: scene.at_level("3"), "level_db must be a number, got '3'"),
+        (
+            lambda: scene.at_level("3"),
+            "level_db must be a number, got '3'; write 3, without quotes",
+        ),
         (lambda: scene.density_of("x"), "excitation must be an Excitation, got 'x'"),
     ):
         with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
@@ -722,7 +725,8 @@ def test_parts_that_users_make_and_call_name_a_wrong_argument() -> None:
         (lambda: SwitchedDrive(restitution="x", force=1.0, switching=1.0),
          "restitution must be a number, got 'x'"),
         (lambda: law.force_at("x"), "deflection must be numbers, got 'x'"),
-        (lambda: law.impact("1", 1.0), "speed must be a number, got '1'"),
+        (lambda: law.impact("1", 1.0),
+         "speed must be a number, got '1'; write 1, without quotes"),
         (lambda: noise.louder("x"), "level_db must be a number, got 'x'"),
         (lambda: stochvi.spectrum(lossy(), method=np.array([1.0])),
          "method must be a text, got an array"),
