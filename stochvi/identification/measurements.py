@@ -20,6 +20,7 @@ from stochvi.mathematics.units import CHECKS, STANDARD_GRAVITY, checked, listed_
 from stochvi.mathematics.units import unit as unit_called
 from stochvi.notices import InputWarning
 from stochvi.results.errors import SceneError
+from stochvi.scenes.excitations.base import unread_unit
 from stochvi.scenes.impact_laws import CompliantLaw, ImpactLaw, RigidLaw
 from stochvi.scenes.readers import si_columns, table_of
 from stochvi.scenes.records import CUT_OFF, cut_off, read_record
@@ -615,6 +616,8 @@ def _drop(
     known = columns.unit
     if given is not None:
         named = unit_called(given)
+        for doubt in unread_unit(columns, named):
+            warnings.warn(f"record {path.name}: {doubt}", InputWarning, stacklevel=4)
         if known is not None and not known.same(named):
             raise SceneError(
                 "unit",

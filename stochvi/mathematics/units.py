@@ -445,12 +445,14 @@ SPELLINGS = frozenset(
     prefix + name
     for name in itertools.chain(*map(_names, WORDS))
     for prefix in ("", *itertools.chain(*map(_names, PREFIXES)))
-) | {"sqrt", "per", "rms", "RMS"}
+) | {"per", "rms", "RMS"}
 """All words that the spelling of a unit may contain."""
 
 DIMENSIONS = {
     "meter ** 2 / second ** 3": "acceleration density",
     "kilogram ** 2 * meter ** 2 / second ** 3": "force density",
+    "meter / second ** 1.5": "root of an acceleration density",
+    "kilogram * meter / second ** 1.5": "root of a force density",
     "meter / second ** 2": "acceleration",
     "kilogram * meter / second ** 2": "force",
     "meter": "length",
@@ -463,6 +465,17 @@ DIMENSIONS = {
 
 PLAIN_SIGNS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹\u2212·⋅\u00d7\u2044\u2215", "-0123456789-***//")
 """Superscripts and signs of typeset units -> the same in plain text."""
+
+PREFIX_APART = re.compile(r"(?<![A-Za-z])(nano|micro|milli|centi|kilo|mega)[-_ ](?=[A-Za-z])", re.I)
+"""A prefix that is written apart from its unit, as in "milli-g"."""
+
+ROOT = re.compile(
+    r"(?:√|(?<![A-Za-z])(?:sqrt|root|rt))[ _-]*(?:\(\s*([A-Za-z]+)\s*\)|([A-Za-z]+))", re.I
+)
+"""The square root of a unit: "√Hz", "sqrt(Hz)", "rtHz"."""
+
+HALF = re.compile(r"\*\*(?:(-?)(?:1/2|0?\.5)(?!\d)|\(\s*(-?)\s*(?:1\s*/\s*2|0?\.5)\s*\))")
+"""The power of a root: "Hz^(1/2)", "Hz^-.5"."""
 
 LONGEST_SPELLING = 60
 """Largest number of characters of the spelling of a unit; a longer text is not read as a unit."""
@@ -566,13 +579,16 @@ def _level(text: str, reference: str) -> Unit:
 def _parsed(text: str) -> tuple[float, str]:
     """Factor to SI units and quantity of a spelling, by pint."""
     given, text = text, re.sub(r"(?<=[A-Za-z0-9²)])[ _]rms(?![A-Za-z])", "", text, flags=re.I)
-    text = text.translate(PLAIN_SIGNS).replace("^", "**")
+    text = re.sub(r"\s*(?:\^|\*\*)\s*", "**", text.translate(PLAIN_SIGNS))
+    text = HALF.sub(r"**\1\g<2>0.5", ROOT.sub(r"(\1\2)**0.5", text))
+    text = PREFIX_APART.sub(lambda found: found[1].lower(), text)
+    text = re.sub(r"g_?0(?!\d)", "g", text)
+    text = re.sub(r"(?<![A-Za-zµμ])((?:m|u|µ|μ|milli|micro)?[gG])'?s(?![A-Za-z])", r"\1", text)
     if not SPELLINGS.issuperset(re.findall(r"[A-Za-zµμ_]+", text)):
         raise _unknown(given)
     text = re.sub(r"\bper\b", "/", text)
-    text = re.sub(r"√\s*\(?(\w+)\)?|sqrt\((\w+)\)", r"(\1\2)**0.5", text)
     # "m2s-3" and "ms-2" are written without a sign between their factors
-    text = re.sub(r"\bms(?=(?:\*\*)?-[12]\b)", "m s", text.replace("g0", "g"))
+    text = re.sub(r"\bms(?=(?:\*\*)?-[12]\b)", "m s", text)
     text = re.sub(r"(?<=[A-Za-z)])(?:\*\*)?(-?\d)(?=[A-Za-z(])", r"**\1 ", text)
     text = re.sub(r"(?<=[A-Za-z)])(-?\d)(?!\d)", r"**\1", text)
     if not re.fullmatch(r"(?:[A-Za-zµμ_]+|\*\*-?\d(?:\.5)?|[\s()/*]|\b1\b)+", text):

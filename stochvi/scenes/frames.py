@@ -194,8 +194,8 @@ def _columns(values: Any) -> tuple[list[Column], Column | None]:
         return [(str(values.name or ""), values)], index
     if getattr(getattr(values, "dtype", None), "names", None):
         return [(name, values[name]) for name in values.dtype.names], None
-    if hasattr(values, "magnitude"):  # a quantity of pint
-        return [(f"({values.units:~})", values.magnitude)], None
+    if _is_quantity(values):
+        return [("", values)], None
     array = np.ma.asanyarray(values)
     if array.ndim != 2:
         return [("", array)], None
@@ -212,6 +212,7 @@ def _numbers(part: Any, name: str) -> Vector:
     """A column as numbers, times as seconds after the first; NaN where one is missing."""
     if getattr(part, "tz", None) is not None:
         part = part.tz_convert(None)
+    part = part.magnitude if _is_quantity(part) else part
     given = part.to_numpy() if hasattr(part, "to_numpy") else np.ma.asanyarray(part)
     if given.dtype.kind in "mM":
         return np.asarray((given - given[0]) / np.timedelta64(1, "s"), float)
@@ -233,8 +234,29 @@ def _heading(name: str, part: Any) -> str:
     if getattr(getattr(part, "dtype", None), "kind", "") in ("m", "M"):
         return "time (s)"
     stated = getattr(part, "attrs", {})
-    unit = stated.get("units") or stated.get("unit")
-    return f"{name} ({unit})".lstrip() if isinstance(unit, str) else name
+    unit = stated.get("units") or stated.get("unit") or _unit_of_quantity(part)
+    if not isinstance(unit, str):
+        return name
+    named, known = unit_in(name), unit_in(f"({unit})")
+    if named is None:
+        return f"{name} ({unit})".lstrip()
+    if known is None or not known.same(named):
+        raise SceneError(
+            f"has {named.name!r} in the name {name!r}, but {unit!r} in its attributes; take out "
+            "the one that is wrong"
+        )
+    return name
+
+
+def _unit_of_quantity(part: Any) -> str | None:
+    """The unit of a column that is a quantity of pint, itself or within an array of xarray."""
+    held: Any = part if _is_quantity(part) else getattr(part, "data", None)
+    return f"{held.units:~}" if _is_quantity(held) else None
+
+
+def _is_quantity(values: Any) -> bool:
+    """Whether this is a quantity of pint, and no array with a coordinate of such a name."""
+    return hasattr(values, "magnitude") and hasattr(values, "units") and not hasattr(values, "dims")
 
 
 Values = Annotated[

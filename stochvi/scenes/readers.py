@@ -12,6 +12,7 @@ import os
 import signal
 import subprocess
 import sys
+import warnings
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Vector
 from stochvi.mathematics.units import DENSITIES, UNITS, Unit, listed_units, shown, unit
+from stochvi.notices import InputWarning
 from stochvi.results.deadline import in_command
 from stochvi.results.errors import SceneError
 from stochvi.scenes import foreign_reader, outside
@@ -35,6 +37,7 @@ from stochvi.scenes.text_tables import (
     Heading,
     TextTable,
     check_file,
+    may_be_unit,
     read_text_table,
     table_of_text,
     unit_in,
@@ -407,7 +410,7 @@ def _columns_of(
         x=times, y=found[-1], unit=known,
         stated_in=f"line {line} of {path}" if of_file else str(path),
         heading=" ".join(table.headings[place].cells),
-        unread=table.headings[place].unread if known is None else "",
+        unread=(table.headings[place].unread or table.labelled) if known is None else "",
         lines=table.numbers if of_file else None,
         remarks=[(f"line {number} of {path}", text) for number, text in table.remarks],
     )  # fmt: skip
@@ -704,11 +707,12 @@ def _read_arrays(path: Path, names: Sequence[str], variables: Sequence[str] | No
         )
     known = _unit_of(variables[-1])  # in the name of a matrix, that of its values
     Heading(cells=(variables[-1],), unit=known).check_scaled()
+    unread = Heading(cells=(variables[-1].rsplit(".", 1)[-1],), unit=known).unread
     if known is not None and known.quantity not in VALUES:
         known = None
     return Columns(
         x=_over(path, names[0], variables[0], chosen[0]) if len(chosen) == 2 else None,
-        y=chosen[-1], unit=known, stated_in=f"the name {variables[-1]} in {path}",
+        y=chosen[-1], unit=known, stated_in=f"the name {variables[-1]} in {path}", unread=unread,
     )  # fmt: skip
 
 
@@ -812,6 +816,13 @@ def _stated_unit(
             f"states the unit {stated.name!r} above {column}, expected one of "
             f"{quantity} ({listed_units(quantity)})",
         )
+    unread = table.headings[place].unread
+    if stated is None and name is not None and may_be_unit(unread):
+        warnings.warn(
+            f"the text {shown(unread)} above {column} is not a known unit; its values were taken "
+            f"to be in {name}",
+            InputWarning, stacklevel=2,
+        )  # fmt: skip
     if stated is not None and name is not None and not stated.same(unit(name)):
         raise SceneError(
             "unit",

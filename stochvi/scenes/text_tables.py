@@ -23,7 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.numerics import Vector
-from stochvi.mathematics.units import DENSITIES, DIMENSIONS, Unit, unit
+from stochvi.mathematics.units import (
+    DENSITIES,
+    DIMENSIONS,
+    PREFIX_APART,
+    ROOT,
+    SPELLINGS,
+    Unit,
+    unit,
+)
 from stochvi.results.errors import SceneError, reason_of
 
 # ------------------------------------------------------------------------------
@@ -202,6 +210,14 @@ class Heading:
         return self.unit.quantity == quantity if self.unit else named is not None
 
     @property
+    def contradiction(self) -> Unit | None:
+        """Another unit of the same quantity that one of the cells states."""
+        known = self.unit
+        stated = (unit_in(cell, alone=_is_unit(cell)) for cell in self.cells)
+        alike = (each for each in stated if known and each and each.quantity == known.quantity)
+        return next((each for each in alike if known and not each.same(known)), None)
+
+    @property
     def unread(self) -> str:
         """The text in place of a unit, if it is not a known unit; otherwise empty."""
         if self.unit is not None or not self.name:
@@ -209,7 +225,10 @@ class Heading:
         over = QUANTITY_OVER_UNIT.fullmatch(self.name)
         found = [*_bracketed(self.name), *([over[1]] if over else [])]
         found += re.findall(r"(?<=[ _])V$|^[cC]ounts?$", self.name)  # or of what is vertical
-        return next((text for text in found if re.search(r"[^\W\d]", text)), "")
+        named = (pattern.fullmatch(self.name) for pattern in (NAMED_UNIT, ANY_UNIT))
+        found += filter(may_be_unit, (*(each[1] for each in named if each), *self.cells[1:]))
+        texts = [text for text in found if re.search(r"[^\W\d]", text)]
+        return next(filter(may_be_unit, texts), next(iter(texts), ""))
 
     @property
     def unscaled(self) -> str:
@@ -455,6 +474,16 @@ def _known(spelling: str) -> Unit | None:
         return None
 
 
+def may_be_unit(text: str) -> bool:
+    """Whether a text that is no known unit has the signs of one, or a unit among its words.
+
+    >>> [may_be_unit(text) for text in ("1e-3 g", "g/1000", "counts", "V", "front left")]
+    [True, True, True, True, False]
+    """
+    words = {word.removesuffix("s") for word in re.findall(r"[A-Za-zµμ]+", text)}
+    return bool(re.search(r"[/^²√]|^V$|ounts?$", text) or not words.isdisjoint(SPELLINGS))
+
+
 def unit_in(text: str, alone: bool = False) -> Unit | None:
     """The unit that a heading states: in brackets, at its end, after a slash or an underscore.
 
@@ -475,7 +504,8 @@ def unit_in(text: str, alone: bool = False) -> Unit | None:
     found: Unit | None
     if len(text) > LONGEST_HEADING:
         return None
-    text = SENSITIVITY.sub(" ", text)
+    text = PREFIX_APART.sub(r"\1", SENSITIVITY.sub(" ", text))
+    text = ROOT.sub(lambda found: f"√{found[1]}" if found[1] else found[0], text)
     for inner in _bracketed(text):
         if found := _known(inner):
             return found
@@ -709,6 +739,12 @@ class TextTable:
     def stated(self, *quantities: str) -> tuple[Unit | None, int]:
         """The one unit of some quantities that the lines above the rows state, and its line."""
         return stated_unit(self.above, quantities)
+
+    @property
+    def labelled(self) -> str:
+        """The text after "Unit:" above the rows, if it is no known unit, but may be one."""
+        found = [label[1] for _, line in self.above for label in LABELLED_UNIT.finditer(line)]
+        return next((text for text in found if not _known(text) and may_be_unit(text)), "")
 
     def column_called(self, column: int | str) -> int:
         """Place of a column, from 0, by its name or its number, which counts from 1."""
@@ -1109,6 +1145,12 @@ def table_of_text(path: Path, written: str, names: Sequence[str]) -> TextTable:
             filled = any(any(row[place : place + 1]) for row in some)
             if each.unit and filled and place not in numeric:
                 raise MisfitHeading(each.line, count)
+            if each.unit and (other := each.contradiction):
+                raise SceneError(
+                    f"{path}, line {each.line}: states {each.unit.name!r} for column {place + 1}, "
+                    f"and {other.name!r} in another line of its heading; take out the one that is "
+                    "wrong"
+                )
     except MisfitHeading as heading:
         raise SceneError(
             f"{path}, line {heading.line}: names {_columns(heading.count)} with units, but the "

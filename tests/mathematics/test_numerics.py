@@ -194,6 +194,8 @@ def test_an_acceleration_of_the_base_pushes_the_relative_motion_the_other_way():
         ("m2/s4/Hz", "(m/s2)2/Hz", 1.0),
         ("m^2/s^3", "(m/s2)2/Hz", 1.0),
         ("m² s^-4 / Hz", "(m/s2)2/Hz", 1.0),
+        ("g_0 ** 2 / hertz", "g2/Hz", STANDARD_GRAVITY**2),
+        ("meter ** 2 / second ** 3", "(m/s2)2/Hz", 1.0),
         ("kN^2/Hz", "kN^2/Hz", 1e6),
         ("mg^2/Hz", "mg^2/Hz", 1e-6 * STANDARD_GRAVITY**2),
         ("(in/s^2)^2/Hz", "(in/s^2)^2/Hz", 0.0254**2),

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pint
 import pytest
 import xarray as xr
 
@@ -83,6 +84,31 @@ test_records_that_are_refused = refusals(
     ({"values": None}, "exactly one of file and values, got none"),
     ({"file": "a.csv"}, "exactly one of file and values, got file, values"),
 )
+
+
+@pytest.mark.parametrize("units", ["mg", "milli-gee", "mm"])
+def test_a_name_and_an_attribute_that_contradict_are_refused(units: str) -> None:
+    array = xr.DataArray(VALUES, **ALONG, name="acc (g)", attrs={"units": units})
+    told = f"'g' in the name 'acc \\(g\\)', but '{units}' in its attributes"
+    with pytest.raises(SceneError, match=told):
+        RecordedNoise(values=array)
+    array.attrs["units"] = "m/s/s" if units == "mm" else "g"
+    named = array.rename("acc (m/s2)") if units == "mm" else array
+    assert RecordedNoise(values=named).as_read.fs == pytest.approx(400.0)
+
+
+@pytest.mark.parametrize("spelling", ["g_0", "mm / s ** 2", "standard_gravity", "meter/second**2"])
+def test_quantities_of_pint_keep_their_units(spelling: str) -> None:
+    registry = pint.UnitRegistry()
+    held = registry.Quantity(VALUES, spelling)
+    factor = float(registry.Quantity(1.0, spelling).to("m/s**2").magnitude)
+    for values in (held, {"acc": held}, xr.DataArray(held, dims="time")):
+        found = RecordedNoise(values=values, fs=400.0).record
+        assert found.peak == pytest.approx(factor * np.abs(VALUES - VALUES.mean()).max())
+    for form in (str(held.units), f"{held.units:~}", f"{held.units:~P}", f"{held.units:C}"):
+        named = pd.Series(VALUES, name="acc", index=TIMES)
+        named.attrs["units"] = form
+        assert RecordedNoise(values=named).record.peak == pytest.approx(found.peak)
 
 
 def test_the_index_of_a_frame_is_no_column() -> None:

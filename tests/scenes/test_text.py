@@ -25,6 +25,8 @@ from stochvi.identification import read_test
 from stochvi.mathematics.spectra import Table, response_moments
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.model.model import model_of
+from stochvi.notices import InputWarning
+from stochvi.scenes import Pulses
 from stochvi.scenes.keys import changed_scene
 from stochvi.scenes.pair_tables import read_pairs
 from stochvi.scenes.scene import scene_from
@@ -191,6 +193,68 @@ def test_what_may_be_volts_is_told(tmp_path: Path, heading: str, told: str) -> N
         f"the text '{told}' above" in doubt
         and "were taken to be in g, as the scene states" in doubt
     )
+
+
+MILLI = ["t,acc (milli-g)", "t,acc_milli_g", "t,acc (mgs)", "t,acc (milli g)", "t,a\ns,milli-g"]
+
+
+@pytest.mark.parametrize("heading", MILLI)
+def test_prefixes_and_plurals_of_units_are_read(tmp_path: Path, heading: str) -> None:
+    (tmp_path / "run.csv").write_text(f"{heading}\n{RUN}\n")
+    noise = RecordedNoise(file=str(tmp_path / "run.csv"))
+    assert noise.record.peak == pytest.approx(3e-3 * 9.80665, rel=0.01)
+    with pytest.raises(SceneError, match=r"unit is 'g', but line \d of .* says '.*g"):
+        RecordedNoise(file=str(tmp_path / "run.csv"), unit="g")
+
+
+@pytest.mark.parametrize(
+    ("heading", "told"),
+    [
+        ("t,acc (1e-3 g)", "1e-3 g"), ("t,acc (g/1000)", "g/1000"), ("t,a in 0.001g", "0.001g"),
+        ("Unit: kilo-gees/2\nt,acc", "kilo-gees/2"),
+    ],
+)  # fmt: skip
+def test_a_unit_that_cannot_be_read_is_told_beside_that_of_the_scene(
+    tmp_path: Path, heading: str, told: str
+) -> None:
+    (tmp_path / "run.csv").write_text(f"{heading}\n{RUN}\n")
+    (doubt,) = RecordedNoise(file=str(tmp_path / "run.csv"), unit="g").doubts()
+    assert f"the text '{told}' above the values is not a known unit; the values were" in doubt
+    with pytest.warns(InputWarning, match="is not a known unit"):
+        Pulses(rate=1.0, file=str(tmp_path / "run.csv"), unit="g", on="base")
+    with (
+        pytest.warns(InputWarning, match="is not a known unit"),
+        pytest.raises(ValueError, match="of at least 8"),
+    ):
+        read_test(tmp_path / "run.csv", "drop", mass=1.0, height=1.0, unit="g")
+    (tmp_path / "run.csv").write_text(f"t,acc (front left)\n{RUN}\n")
+    assert RecordedNoise(file=str(tmp_path / "run.csv"), unit="g").doubts() == ()
+
+
+def test_a_unit_of_a_curve_or_a_density_that_cannot_be_read_is_told(tmp_path: Path) -> None:
+    (tmp_path / "curve.csv").write_text("deflection (mm),force (N/1000)\n0,0\n1,2\n2,5\n")
+    with pytest.warns(InputWarning, match="'N/1000' above column 2 of .* is not a known unit"):
+        ForceTable(file=str(tmp_path / "curve.csv"), unit="mm,N")
+    with pytest.warns(InputWarning, match="'1e-3 g2/Hz' in array is not a known unit"):
+        TabulatedNoise(values={"f": [1.0, 9.0], "(1e-3 g2/Hz)": [1.0, 1.0]}, unit="g2/Hz")
+
+
+@pytest.mark.parametrize(
+    "spelling", ["G/rtHz", "g/√Hz", "g/sqrt(Hz)", "grms/Hz^0.5", "g/Hz^(1/2)", "(m/s2)/root Hz"]
+)
+@pytest.mark.parametrize("heading", ["ASD ({})", "ASD {}"])
+def test_the_root_of_a_density_is_none(tmp_path: Path, spelling: str, heading: str) -> None:
+    (tmp_path / "psd.csv").write_text(f"f (Hz),{heading.format(spelling)}\n10,0.1\n100,0.1\n")
+    with pytest.raises(SceneError, match="unit is 'g2/Hz', but line 1 of"):
+        TabulatedNoise(file=str(tmp_path / "psd.csv"), unit="g2/Hz")
+    with pytest.raises(SceneError, match=r"expected the unit of an .*; square its values"):
+        TabulatedNoise(file=str(tmp_path / "psd.csv"))
+
+
+def test_two_units_above_one_column_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text(f"t,acc (g)\ns,mg\n{RUN}\n")
+    with pytest.raises(SceneError, match="line 2: states 'mg' for column 2, and 'g' in another"):
+        RecordedNoise(file=str(tmp_path / "run.csv"))
 
 
 def test_a_curve_in_volts_is_refused(tmp_path: Path) -> None:

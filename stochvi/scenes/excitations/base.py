@@ -27,6 +27,7 @@ from stochvi.mathematics.units import (
 from stochvi.mathematics.unsteady_noise import MOST_KURTOSIS, RandomLevel
 from stochvi.results.errors import SceneError
 from stochvi.scenes.readers import Columns
+from stochvi.scenes.text_tables import may_be_unit
 from stochvi.scenes.validation import Checked, Number, Positive, Seconds, Weights, given
 
 BASE = "base"
@@ -375,10 +376,11 @@ def agreed_unit(name: str | None, columns: Columns, quantities: tuple[str, ...])
             "one that is wrong",
         )
     if stated is not None and stated.quantity not in quantities:
+        squares = "; square its values" * stated.quantity.startswith("root of ")
         raise SceneError(
             "file",
             f"{columns.stated_in} says {stated.name!r}, expected the unit of an "
-            f"{' or a '.join(quantities)} ({listed_units(*quantities)})",
+            f"{' or a '.join(quantities)} ({listed_units(*quantities)}){squares}",
         )
     if stated is None and name is None and columns.unread and columns.lines is None:
         raise SceneError(
@@ -395,9 +397,7 @@ def agreed_unit(name: str | None, columns: Columns, quantities: tuple[str, ...])
 def unread_unit(columns: Columns, taken: Unit) -> tuple[str, ...]:
     """A sentence on a text above the values that looks like a unit but is unknown. Such a text is
     not compared with the unit of the scene."""
-    if not columns.unread or (
-        columns.lines is not None and not re.search(r"[/^²]|^V$|ounts?$", columns.unread)
-    ):
+    if not columns.unread or (columns.lines is not None and not may_be_unit(columns.unread)):
         return ()
     where = "above the values" if columns.lines is not None else f"in {columns.stated_in}"
     return (

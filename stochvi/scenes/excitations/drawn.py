@@ -4,6 +4,7 @@ pulses at random times; a function of one's own."""
 from __future__ import annotations
 
 import math
+import warnings
 from abc import abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,8 +18,16 @@ from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import ACCELERATION, FORCE, Unit, power_ratio, shown
 from stochvi.mathematics.units import unit as unit_of
 from stochvi.mathematics.unsteady_noise import SHAPES, PulseShape
+from stochvi.notices import InputWarning
 from stochvi.results.errors import SceneError
-from stochvi.scenes.excitations.base import BASE, BaseExcitation, Density, agreed_unit, unit_name
+from stochvi.scenes.excitations.base import (
+    BASE,
+    BaseExcitation,
+    Density,
+    agreed_unit,
+    unit_name,
+    unread_unit,
+)
 from stochvi.scenes.frames import Frame, Values
 from stochvi.scenes.records import read_record
 from stochvi.scenes.validation import (
@@ -219,6 +228,8 @@ class Pulses(DrawnExcitation):
                 source, fs=self.fs, column=self.column, fewest=FEWEST_SAMPLES
             )
             self._unit = agreed_unit(self.unit, columns, VALUES)
+            for doubt in unread_unit(columns, self._unit):
+                warnings.warn(f"pulse of {source}: {doubt}", InputWarning, stacklevel=2)
         known = self._unit.factor * (record.values + record.mean)
         values = np.concatenate([[0.0], known, [0.0]])
         self._shock = PulseShape(values, (len(values) - 1) / record.fs)

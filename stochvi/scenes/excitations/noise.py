@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import csv
 import math
+import warnings
 from abc import abstractmethod
 from collections.abc import Mapping
 from functools import cached_property
@@ -20,6 +21,7 @@ from stochvi.mathematics.numerics import Matrix as FloatMatrix
 from stochvi.mathematics.numerics import Vector, Waves
 from stochvi.mathematics.spectra import Filter, Table, refined_table
 from stochvi.mathematics.units import DENSITIES, STANDARD_GRAVITY, Unit, power_ratio, unit
+from stochvi.notices import InputWarning
 from stochvi.results.errors import SceneError
 from stochvi.scenes.datasets import profiles
 from stochvi.scenes.excitations.base import (
@@ -1053,6 +1055,8 @@ def with_breakpoints(keys: Any, quantities: tuple[str, ...]) -> Any:
         known = agreed_unit(keys.get("unit"), columns, quantities) if quantities else None
         if columns.unit is not None and known is None:
             raise SceneError(OF_CHANGE.format(frame, columns.unit.name))
+        for doubt in () if known is None else unread_unit(columns, known):
+            warnings.warn(f"values: {doubt}", InputWarning, stacklevel=2)
         columns, _ = cleaned(columns, frame, known is not None and known.decibels)
     stated = {} if known is None else {"unit": known.name}
     return kept | stated | {"frequency_hz": columns.x, "density": columns.y}
