@@ -87,6 +87,10 @@ ROUNDING_ERRORS = 3.0
 """The times support a sampling rate up to this distance from the fitted one, in the standard errors
 that rounded times leave."""
 
+STRETCH, OTHER_RATE = 16, 1.25
+"""Number of sampling intervals that a local rate is the mean of, and the ratio of two such rates
+from which the sampling rate changes; a clock that drifts or jitters stays far below it."""
+
 GAPS_LISTED = 3
 """Largest number of gaps that a sentence lists."""
 
@@ -395,7 +399,8 @@ def read_record(
 
     Times may be in seconds, in another unit that the heading states, or ISO 8601 stamps. They may
     be rounded, because the sampling rate is fitted to all of them. Where a clock drifts or is
-    uneven, the values are interpolated to an even grid by cubic splines, and a note says so.
+    uneven, the values are interpolated to an even grid by cubic splines, and a note says so. A rate
+    that changes is refused.
     Missing values and missing samples are gaps.
 
     Parameters
@@ -604,6 +609,8 @@ def _sampling(
             f"{times[row - 1]:.9g} s; {out_of_order(times, 'cut the record there')[1]}"
         )
     apart = steps > 1.5 * interval + np.maximum(digits[1:], digits[:-1])
+    if apart.any():
+        _check_one_rate(path, times, digit)
     segment = np.concatenate([[0], np.cumsum(apart)])
     count = np.bincount(segment)
     index = np.arange(len(times), dtype=float)
@@ -633,6 +640,7 @@ def _sampling(
     if digit > UNEVEN * slope:
         notes.append(f"its times have a last digit of {digit:g} s; the rate is fitted to all")
     if uneven:
+        _check_one_rate(path, times, digit)
         if np.any(steps <= 0.0):
             row = int(np.argmax(steps <= 0.0)) + 1
             raise SceneError(
@@ -646,6 +654,33 @@ def _sampling(
             f"the values were interpolated to {1.0 / slope:.6g} Hz"
         )
     return 1.0 / slope, breaks, tuple(notes), interpolated
+
+
+def _check_one_rate(path: Path | Frame, times: Vector, digit: float) -> None:
+    """Refuse times whose sampling rate changes: neither a spline nor gaps are right for them.
+
+    Local rates are medians over parts of the record, which single gaps and jitter do not move.
+    """
+    local = (times[STRETCH:] - times[:-STRETCH]) / STRETCH
+    places = np.array_split(np.arange(len(local)), min(max(len(local) // (4 * STRETCH), 1), 64))
+    intervals = np.array([np.median(local[each]) for each in places])
+    single = np.array([np.median(np.diff(times)[each]) for each in places])
+    short, long = int(np.argmin(intervals)), int(np.argmax(intervals))
+    # where many samples are missing, neighbours are still as near as elsewhere
+    if (
+        min(intervals[long] / intervals[short], (single[long] + digit) / max(single[short], digit))
+        < OTHER_RATE
+    ):
+        return
+    first, last = sorted((short, long))
+    between = math.sqrt(intervals[first] * intervals[last])
+    changed = (local > between) == (intervals[last] > between)
+    row = int(np.argmax(changed & (np.arange(len(local)) >= places[first][0]))) + STRETCH // 2
+    raise SceneError(
+        f"{path} changes its sampling rate, from {1.0 / intervals[first]:.4g} to "
+        f"{1.0 / intervals[last]:.4g} Hz about {times[row]:.4g} s; cut the record there, or "
+        "resample it to the higher rate"
+    )
 
 
 def _shortest(interval: float, doubt: float) -> float:

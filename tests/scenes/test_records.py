@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import signal
 import time
 from pathlib import Path
@@ -432,6 +433,41 @@ def test_an_uneven_clock_gives_the_record_on_an_even_grid(tmp_path: Path) -> Non
         assert len(found.segments) == 1 and abs(grid[-1] - (times[-1] - times[0])) < 1.0 / FS
         # a note of every answer, thus in the terminal too
         assert any("off an even grid" in each for each in noise.cautions(0.0, 0.0))
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
+@pytest.mark.parametrize("rates", [(400.0, 200.0), (200.0, 400.0), (1000.0, 700.0)])
+@pytest.mark.parametrize("decimals", [3, 9])
+@pytest.mark.parametrize("gaps", ["refuse", "split"])
+def test_a_rate_that_changes_is_told_and_refused(tmp_path, share, rates, decimals, gaps) -> None:
+    count = int(6000 * share)
+    before = np.arange(count) / rates[0]
+    times = np.append(before, before[-1] + np.arange(1, 6001 - count) / rates[1])
+    values = np.random.default_rng(1).normal(size=6000)
+    np.savetxt(tmp_path / "run.csv", np.column_stack([np.round(times, decimals), values]))
+    with pytest.raises(SceneError, match=r"changes its sampling rate, from \S+ to") as refused:
+        read_record(tmp_path / "run.csv", gaps=gaps)
+    found = [float(each) for each in re.findall(r"[\d.e+]+(?= to| Hz| s;)", str(refused.value))]
+    np.testing.assert_allclose(found, [*rates, before[-1]], rtol=0.02, atol=0.05)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("kind", ["jitter", "steps", "drift", "lost", "bursts"])
+def test_a_clock_that_is_not_even_keeps_one_rate(tmp_path, kind: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    times, kept = np.arange(20_000) / 400.0, np.full(20_000, True)
+    if kind == "jitter":
+        times = times + 0.0025 * rng.uniform(-0.4, 0.4, len(times))
+    elif kind == "steps":
+        times = np.cumsum(0.0025 * rng.uniform(0.6, 1.4, len(times)))
+    elif kind == "drift":
+        times = times * (1.0 + 3e-4 * times)
+    elif kind == "lost":
+        kept = rng.random(len(times)) > 0.1
+    else:  # a part that lost half of its samples, one by one
+        kept[5000:9000] = rng.random(4000) > 0.4
+    np.savetxt(tmp_path / "run.csv", np.column_stack([times, rng.normal(size=len(times))])[kept])
+    assert read_record(tmp_path / "run.csv", gaps="split")[0].fs == pytest.approx(400.0, rel=0.04)
 
 
 def test_gaps_of_an_uneven_clock_are_split_and_each_part_is_interpolated(tmp_path: Path) -> None:
