@@ -207,7 +207,11 @@ def of_your_stops(sizing: Sizing) -> list[str]:
     """How likely the stops of the scene are hit where they are; none without them."""
     if sizing.several:
         given = sizing.as_given
-        return [] if given is None else [f"Your stops: {hit_in_words(given.value)}"]
+        if given is None:
+            return []
+        if given.upper >= 1.0 and given.value <= NEAR_ONE:  # how near to 1 was not found in time
+            return [f"Your stops: over {chance_in_words(given.lower)} likely to be hit"]
+        return [f"Your stops: {hit_in_words(given.value)}"]
     found = {side: LENGTH.text(each, ".3g") for side, each in sizing.gap.distances.items()}
     beside = {"lower": "below", "upper": "above"}
     places = " and ".join(f"{each} {beside[side]}" for side, each in found.items())

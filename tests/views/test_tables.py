@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -17,6 +18,7 @@ from matplotlib.axes import Axes
 from rich.console import Console
 
 from stochvi import Response, Scene, average, check, explain, fokker_planck, linearise, load_scene
+from stochvi.isolators.sizing.answer import Probability
 from stochvi.mathematics.units import LENGTH, RATE, TIME, shown_in, units_of
 from stochvi.results.base import stated
 from stochvi.results.estimates import Estimate
@@ -24,6 +26,7 @@ from stochvi.scenes.datasets import shipped_scene
 from stochvi.views.axes import Chart, Scale, as_written, bounds_of, panels
 from stochvi.views.pages import Grid, Section, Told, print_told
 from stochvi.views.pictures import VIEWS, function_of, response_told, view_of
+from stochvi.views.tables import of_your_stops
 from stochvi.views.verification import check_told, explanation_told
 
 
@@ -236,3 +239,15 @@ def test_a_view_of_nothing_is_noticed() -> None:
         function_of("pictures", "nothing_told")
     with pytest.raises(NotImplementedError, match="no picture of int"):
         view_of(1)
+
+
+def test_a_chance_that_may_be_certain_is_a_lower_limit() -> None:
+    """Stops that are hit 30 times a second were "94.7 % likely to be hit" where time was short."""
+
+    def said(value: float, lower: float, upper: float) -> list[str]:
+        given = Probability(value=value, lower=lower, upper=upper)
+        return of_your_stops(SimpleNamespace(several=True, as_given=given))  # type: ignore[arg-type]
+
+    assert said(0.947, 0.894, 1.0) == ["Your stops: over 89.4 % likely to be hit"]
+    assert said(0.947, 0.94, 0.955) == ["Your stops: 94.7 % likely to be hit"]
+    assert said(1.0, 1.0, 1.0) == ["Your stops: hit almost surely"]
