@@ -727,6 +727,9 @@ def test_parts_that_users_make_and_call_name_a_wrong_argument() -> None:
         (lambda: law.force_at("x"), "deflection must be numbers, got 'x'"),
         (lambda: law.impact("1", 1.0),
          "speed must be a number, got '1'; write 1, without quotes"),
+        (lambda: stochvi.size(lossy(), probability=0.01, tolerances={"frequency": 0.1}),
+         "tolerances must be a Tolerances, as stochvi.isolators.tolerances.Tolerances("
+         "frequency=0.1), got {'frequency': 0.1}"),
         (lambda: noise.louder("x"), "level_db must be a number, got 'x'"),
         (lambda: stochvi.spectrum(lossy(), method=np.array([1.0])),
          "method must be a text, got an array"),

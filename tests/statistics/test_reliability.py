@@ -298,6 +298,11 @@ def test_chances_near_one_are_told_by_their_lower_end() -> None:
     assert replace(found, lower=1.0).likely == spoken_percent(1.0)  # as size has it
     assert replace(found, lower=0.2).likely == "hardly known"
     assert replace(found, estimate=Estimate(value=0.9)).likely == "90 %"
+    # such an end is the interval: it is not told twice
+    said = SimpleNamespace(mission=60.0, chances={"hit": found}, missing={})
+    assert Reliability.verdict(said) == "An impact in 1 min: over 99.8 % likely."  # type: ignore[arg-type]
+    said.chances = {"hit": replace(found, estimate=Estimate(value=0.9), lower=0.88, upper=0.92)}
+    assert "90 % likely (88 % to 92 %" in Reliability.verdict(said)  # type: ignore[arg-type]
 
 
 def test_the_command(stochvi: Run, tmp_path: Any) -> None:
