@@ -93,7 +93,7 @@ def response_told(response: Response) -> Told:
         f"{name} {plus_minus(each) if each.standard_error else f'{each.value:.0e}'}"
         for name, each in response.identities.items()
     )
-    notes = [f"{NO_BOUND}{reason}" for reason in _without_bound(response)]
+    notes = _without_bound(response)
     notes += [f"balances, relative to their largest term: {balances}"] if balances else []
     notes.append(f"simulated effects: {effects_in_words(response.effects)}")
     cost = response.cost
@@ -113,17 +113,21 @@ NO_BOUND = "no error bound: "
 
 
 def _without_bound(response: Response) -> list[str]:
-    """The reasons why numbers that were not sampled have no error bound."""
-    unbounded = [
-        each.how
+    """Why numbers that were not sampled have no error bound, where others have one or none does."""
+    of_theory = [
+        each
         for each in response.estimates().values()
-        if each.bias is None and each.standard_error == 0.0 and each.upper_95 is None
+        if each.standard_error == 0.0 and each.upper_95 is None
     ]
+    unbounded = [each.how for each in of_theory if each.bias is None]
+    where = NO_BOUND
+    if len(unbounded) < len(of_theory):
+        where = NO_BOUND.replace(":", " where the bias is not known:")
     reasons = [
         how.partition(NO_BOUND)[2] or f"the error of {how.partition(';')[0]} is not known here"
         for how in unbounded
     ]
-    return list(dict.fromkeys(reasons))
+    return [f"{where}{reason}" for reason in dict.fromkeys(reasons)]
 
 
 def plot_response(found: Response, ax: Axes | None = None) -> Axes:
