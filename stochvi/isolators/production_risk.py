@@ -26,7 +26,7 @@ from stochvi.isolators.sizing.answer import (
     places_in_words,
     sides_in_words,
 )
-from stochvi.isolators.sizing.pairs import nominal_sizing
+from stochvi.isolators.sizing.pairs import check_names, nominal_sizing
 from stochvi.isolators.sizing.risk_curve import CERTAIN, chance_of_stops
 from stochvi.isolators.sizing.sensitivity import LEAST_SECONDS
 from stochvi.isolators.tolerances import (
@@ -795,6 +795,7 @@ def production(
         raise NotApplicable("production", conditions)
     spreads = spreads_of(scene) if spreads is None else spreads
     check_spreads(scene, spreads)
+    check_names(scene, "pair", [pair] if pair is not None else [])
     run = Run.of(options)
     first = run.part(0.0, 0.4, "as stated", run.deadline.share(SHARE_OF_NOMINAL))
     if probability is None:
@@ -824,6 +825,11 @@ def about(
     if conditions := unmet(start.scene):
         raise NotApplicable("production", conditions)
     felt = {name: each for name, each in spreads.items() if quantity_of(name) not in UNFELT}
+    if not felt:
+        raise ValueError(
+            'spreads must hold what varies between units, as {"frequency": Spread(std=0.03)}, got '
+            f"{', '.join(spreads) or 'none'}"
+        )
     return _Job(
         start=start, spreads=felt, tolerances=tolerances.felt(start.scene, by_hits=False), run=run
     ).answer()

@@ -850,7 +850,7 @@ def clearance_curve(
     if not scene.impact_pairs:
         raise NotApplicable("clearance_curve", "the scene needs an impact_pair, for its law")
     places = np.asarray(clearances, dtype=float)
-    if not np.all((places > 0.0) & np.isfinite(places)):
+    if not places.size or not np.all((places > 0.0) & np.isfinite(places)):
         raise ValueError(f"clearances must be positive, got {places.tolist()} m")
     linear, run = screened(scene), Run.of(options)
     cases = [_case(scene, linear, place) for place in _rows(linear, places)]

@@ -101,13 +101,13 @@ def outside_of_share(name: str, span: str, value: float) -> ValueError:
 
 
 def _check_number(name: str, value: object) -> None:
-    known = isinstance(value, numbers.Real)
+    known = isinstance(value, numbers.Real) and not isinstance(value, bool)
     if not known or (isinstance(value, int) and abs(value) >= LARGEST_NUMBER):
         raise ValueError(f"{_wrong(name, 'a number', value)}{number_to_write(value)}")
 
 
 def _check_whole(name: str, value: object) -> None:
-    if not isinstance(value, numbers.Integral):
+    if not isinstance(value, numbers.Integral) or isinstance(value, bool):
         raise _wrong(name, "a whole number", value)
     if not -LARGEST_WHOLE <= int(value) < LARGEST_WHOLE:
         raise _wrong(name, "a whole number below 2^63", value)
@@ -186,7 +186,10 @@ CHECKS: dict[str, Callable[[str, Any], None]] = {
     "int | str": _is_a((int, str), "a name or a whole number"),
     "ArrayLike": _check_numbers,
     "Sequence[float]": _check_row,
+    "Sequence[float] | Vector": _check_row,
     "Sequence[float] | Matrix": _check_rows,
+    "Sequence[int]": _check_row,
+    "bool": _is_a((bool, np.bool_), "True or False"),
     "Sequence[str]": _check_texts,
     "str | Path": _is_a((str, os.PathLike), "the name of a file"),
     "Progress": _check_callable,
@@ -218,7 +221,8 @@ def _checks_of(function: Callable[..., Any]) -> dict[str, tuple[Callable[[str, A
         kind = each.annotation
         kind = kind if isinstance(kind, str) else inspect.formatannotation(kind)
         plain = kind.removesuffix(LEFT_OUT)
-        alias = get_origin(getattr(function, "__globals__", {}).get(plain))
+        # an option of a decorated function is an alias where the function is written
+        alias = get_origin(getattr(inspect.unwrap(function), "__globals__", {}).get(plain))
         if plain.startswith("Callable[") or alias is Callable:
             plain = "Progress"
         if TEXTS_OF_CHOICE.fullmatch(plain) or alias is Literal:
@@ -703,19 +707,22 @@ def measured(text: str, quantity: str, plain: float = 1.0) -> float:
     try:
         if quantity == "time" and (seconds := _seconds(text)) is not None:
             if not math.isfinite(seconds):
-                raise ValueError
+                raise OverflowError
             return seconds
         if not found:
             raise ValueError
         of = unit(found[2]) if found[2] else Unit("", plain, quantity)
         value = float(found[1]) * of.factor
+        if math.isinf(value):
+            raise OverflowError
         if of.quantity != quantity or of.decibels or not math.isfinite(value):
             raise ValueError
-    except ValueError:
+    except (ValueError, OverflowError) as reason:
+        large = "; it is too large, write a finite one" * isinstance(reason, OverflowError)
         usual = listed_units(quantity)
         usual += "; 1h 5min; 1:30:00" if quantity == "time" else ""
         raise ValueError(
-            f"must be a number with a unit of {quantity} ({usual}), got {text!r}"
+            f"must be a number with a unit of {quantity} ({usual}), got {text!r}{large}"
         ) from None
     return value
 

@@ -34,6 +34,9 @@ from stochvi.scenes.text_tables import out_of_order
 FEWEST_SAMPLES = 256
 """Smallest number of samples of a record: the segments of a shorter one would resolve nothing."""
 
+LOWEST_RATE, HIGHEST_RATE = 1e-6, 1e12
+"""The sampling rates that may be given, Hz: beyond any sensor."""
+
 FEWEST_BINS = 16
 """Smallest number of samples in a window."""
 
@@ -447,6 +450,8 @@ def read_record(
     >>> round(record.fs), columns.unit.name
     (100, 'g')
     """
+    if fs is not None and not LOWEST_RATE <= fs <= HIGHEST_RATE:
+        raise SceneError("fs", f"must be from {LOWEST_RATE:g} to {HIGHEST_RATE:g} Hz, got {fs:g}")
     path = Path(path) if isinstance(path, str) else path
     if not isinstance(path, Path | Frame):
         raise ValueError(f"path must be a file or a Frame, got {path!r:.60}")

@@ -418,6 +418,10 @@ def history(
         raise ValueError(f"path must be a whole number in [0, 2^40), got {path!r}")
     if rate is not None and not 0.0 < rate < math.inf:
         raise ValueError(f"rate must be a positive number of samples per second, got {rate}")
+    if rate is not None and rate * duration < 1.0:
+        raise ValueError(
+            f"rate must be at least {1.0 / duration:.3g} Hz, 1 / duration, got {rate:g}"
+        )
     started = time.perf_counter()
     planned = plan_histories(scene)
     model, usual = planned.model, _resolving(planned.plan)
@@ -425,6 +429,8 @@ def history(
     stride = max(1, math.floor(steps_per_sample))
     finer = steps_per_sample < 1.0
     step = usual.step * min(1.0, steps_per_sample)
+    if duration <= step:
+        raise ValueError(f"duration must be above {step:.3g} s, a step here, got {duration:g} s")
     _check_fits(usual, step, duration)
     source = usual.sampled(step, duration)
     count = source.history_samples(duration)

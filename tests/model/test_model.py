@@ -38,6 +38,8 @@ from stochvi import (
     screen,
     simulate,
 )
+from stochvi.isolators import Spread, clearance_curve
+from stochvi.mathematics.units import _checks_of
 from stochvi.model.coverage import scene_notes
 from stochvi.model.gap import OscillatorArrays
 from stochvi.model.modal import EquivalentLinear, linear_law
@@ -644,6 +646,63 @@ def test_a_column_beyond_all_numbers_is_refused() -> None:
 def test_spreads_are_a_table(function: Callable[..., Any]) -> None:
     with pytest.raises(ValueError, match="spreads must be a table of names and values of Spread"):
         function(oscillator(-1.0, 1.0, 0.8), 0.05)
+
+
+CHECKED_BY_ITSELF = {
+    "Any", "Branch", "Mapping[str, Any]", "Mapping[str, Scene] | Iterable[str]",
+    "Mapping[str, Sequence[float]] | DataFrame", "Measurement", "Random", "Result",
+    "Scene | str | Path", "Sequence[str | Path]", "float | Ends | None", "str | Path | Frame",
+}  # fmt: skip
+"""Annotations of arguments that are no plain ones: the function itself looks at what it got."""
+
+
+@pytest.mark.parametrize("function", [*functions()], ids=lambda each: each.__name__)
+def test_every_argument_is_checked_before_a_calculation(function: Callable[..., Any]) -> None:
+    """The hunt below asks for one of thousands of wrong arguments at a time, on scenes that many a
+    function refuses first, and takes any answer for a right one: it does not meet them all."""
+    within = inspect.unwrap(function)
+    for name, each in inspect.signature(within).parameters.items():
+        kind = str(each.annotation)
+        if name in _checks_of(within) or kind.startswith("Unpack[") or kind in CHECKED_BY_ITSELF:
+            continue
+        assert function.__name__.startswith("unmet"), f"{name}: {kind} has no check"
+
+
+def of_a_truck(_: Scene, **arguments: Any) -> Any:
+    truck = load_scene(shipped_scene("isolator-truck"))
+    return stochvi.production(truck, **{"probability": 0.1} | arguments)
+
+
+SPREAD = {"frequency": Spread(std=0.03)}
+
+test_arguments_of_the_wrong_kind_are_refused = refusals(
+    lambda function, arguments: function(oscillator(-1.0, 1.0, 0.8), **arguments),
+    *(
+        (stochvi.transient, {"times": [1.0], "start": start}, "start must be ")
+        for start in (10**400, {}, 1j, object(), np.zeros(0), [1j, 0.0], (0.1, "a"), "abc")
+    ),
+    *(
+        (stochvi.damage, {"equipment": equipment}, "equipment must be ")
+        for equipment in (10**400, "abc", 1j, np.zeros(0), None)
+    ),
+    *(
+        (stochvi.impacts, {name: wrong}, f"{name} must be True or False, got")
+        for name in ("slow_impacts", "first_hits")
+        for wrong in ("abc", math.nan, -1, 1e300, [], np.zeros(0))
+    ),
+    (stochvi.damage, {"way": np.zeros(0)}, "way must be a text, got an array"),
+    (stochvi.reliability, {"mission": 1.0, "way": np.zeros(0)}, "way must be a text, got an"),
+    (stochvi.history, {"duration": 1.0, "rate": 1e-300}, "rate must be at least 1 Hz, 1 / dur"),
+    (stochvi.history, {"duration": 1e-300}, "duration must be above .* s, a step here, got"),
+    (stochvi.first_passage, {"upper": 0.5, "rtol": True}, "rtol must be a number, got True"),
+    (stochvi.first_passage, {"upper": 0.5, "rtol": 1e300}, r"rtol must be below 1, got 1e\+300"),
+    (clearance_curve, {"clearances": []}, r"clearances must be positive, got \[\] m"),
+    (of_a_truck, {"spreads": {}}, "spreads must hold what varies between units, as .* got none"),
+    (of_a_truck, {"spreads": None}, "spreads must hold what varies between units"),
+    (of_a_truck, {"spreads": SPREAD, "pair": "abc"}, "pair must name impact pairs .*, got abc"),
+    error=ValueError,
+    pattern=True,
+)  # fmt: skip
 
 
 def test_a_very_long_budget_is_none() -> None:

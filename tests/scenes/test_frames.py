@@ -70,6 +70,8 @@ SERIES = pd.Series(VALUES, index=TIMES, name="acc (g)")
 test_records_that_are_refused = refusals(
     _record,
     ({"unit": None}, "needs unit, one of g"),
+    ({"fs": 1e-300}, "fs must be from 1e-06 to 1e+12 Hz, got 1e-300"),
+    ({"fs": 1e300}, "fs must be from 1e-06 to 1e+12 Hz, got 1e+300"),
     ({"fs": None}, "give fs, the sampling rate in Hz, or a Series"),
     ({"values": SERIES, "unit": "m/s2", "fs": None}, "array says 'g'"),
     ({"values": SERIES, "fs": 500.0}, "the times of array give 400 Hz"),

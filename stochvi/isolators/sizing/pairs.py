@@ -5,6 +5,7 @@ the curve of risk of its gap; several pairs at an equal share of the risk; the c
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
@@ -790,6 +791,14 @@ class SharedRisk(Family):
 def has_one_gap(model: Model) -> bool:
     """Whether a model is one mass with one gap, whose curve of risk says all."""
     return model.single and not model.branches
+
+
+def check_names(scene: Scene, name: str, given: Sequence[str]) -> None:
+    """Raise `ValueError` where an argument names what is no impact pair of a scene."""
+    names = [each.name for each in scene.expanded.impact_pairs]
+    if not {*given} <= {*names}:
+        known = ", ".join(names) or "none"
+        raise ValueError(f"{name} must name impact pairs ({known}), got {', '.join(given)}")
 
 
 def nominal_sizing(scene: Scene, asked: Question) -> Sizing:

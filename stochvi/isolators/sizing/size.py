@@ -27,6 +27,7 @@ from stochvi.isolators.sizing.pairs import (
     RISK_STEP,
     SHARE_OF_CURVES,
     SIDES,
+    check_names,
     has_one_gap,
     levels_of_gap,
     nominal_sizing,
@@ -1270,8 +1271,8 @@ def _answered(
     if not 0.0 < asked.mission < math.inf:
         raise ValueError(f"mission must be a positive number of seconds, got {asked.mission}")
     model, pair, common = model_of(scene), asked.pair, asked.common
-    _check_names(scene, "pair", [pair] if pair is not None else [])
-    _check_names(scene, "common", common)
+    check_names(scene, "pair", [pair] if pair is not None else [])
+    check_names(scene, "common", common)
     if common and pair is not None:
         raise ValueError(f"common must be left out where one pair is sized, got pair = {pair!r}")
     if spreads:
@@ -1292,14 +1293,6 @@ def is_one_phase(scene: Scene) -> bool:
     or has fast peaks, shocks come beside it, or a spring or damper is a function."""
     level, shocks = scene.random_level, scene.has_shocks
     return level is not None or shocks or is_followed(model_of(scene))
-
-
-def _check_names(scene: Scene, name: str, given: Sequence[str]) -> None:
-    """Raise `ValueError` where an argument names what is no impact pair of a scene."""
-    names = [each.name for each in scene.expanded.impact_pairs]
-    if not {*given} <= {*names}:
-        known = ", ".join(names) or "none"
-        raise ValueError(f"{name} must name impact pairs ({known}), got {', '.join(given)}")
 
 
 def _of_production(scene: Scene, asked: Question, spreads: Mapping[str, Spread]) -> Sizing:
@@ -1346,7 +1339,7 @@ def _of_phases(
                 f"{name} must be left out where the scene has phases, shocks, noise of varying "
                 f"level, or springs that are functions, got {value}"
             )
-    _check_names(scene, "common", common)
+    check_names(scene, "common", common)
     try:
         found = size_mission(scene, target, run, common, tolerances)
     except NotApplicable as reason:

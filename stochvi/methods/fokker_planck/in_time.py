@@ -18,7 +18,7 @@ from scipy.special import ndtr
 
 from stochvi.mathematics.impact_rates import BetaDistribution, normal_density
 from stochvi.mathematics.numerics import Array, gauss_panels
-from stochvi.mathematics.units import with_checks
+from stochvi.mathematics.units import CHECKS, shown, with_checks
 from stochvi.methods.fokker_planck.basis import LinearBox, Mesh, legendre
 from stochvi.methods.fokker_planck.motion import box_ends, restitution_rule, turning_stops
 from stochvi.model.model import UPPER, Model, Stop
@@ -575,6 +575,21 @@ StartChoice = Literal["rest", "stationary"] | tuple[float, float] | Gaussian
 law without barriers and stops, a point (m, m/s), a law."""
 
 
+def _check_start(name: str, value: object) -> None:
+    if isinstance(value, str | Gaussian):
+        return
+    try:
+        CHECKS["ArrayLike"](name, value)
+    except ValueError:
+        raise ValueError(
+            f"{name} must be 'rest', 'stationary', a point (m, m/s) or a Gaussian, got "
+            f"{shown(value)}"
+        ) from None
+
+
+CHECKS["StartChoice"] = _check_start
+
+
 def start_of(given: StartChoice, model: Model) -> Start:
     """The initial state from any of the forms in which a user may give it.
 
@@ -589,7 +604,7 @@ def start_of(given: StartChoice, model: Model) -> Start:
     if not isinstance(given, str):
         point = np.asarray(given, dtype=float)
         if point.shape != (2,) or not np.isfinite(point).all():
-            raise ValueError(f"start must be a finite (displacement, velocity), got {given!r}")
+            raise ValueError(f"start must be a finite (displacement, velocity), got {shown(given)}")
         return InitialState(float(point[0]), float(point[1]))
     if given not in ("rest", "stationary"):
         raise ValueError(

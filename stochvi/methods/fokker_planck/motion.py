@@ -555,6 +555,8 @@ def check_rtol(rtol: float) -> None:
     """Raise ValueError if a relative error is out of range."""
     if not LEAST_RTOL <= rtol < math.inf:
         raise ValueError(f"rtol must be at least {LEAST_RTOL:g}, got {rtol:g}")
+    if rtol >= 1.0:
+        raise ValueError(f"rtol must be below 1, got {rtol:g}")
 
 
 # ------------------------------------------------------------------------------
