@@ -69,6 +69,7 @@ def main() -> None:
         for part in SCALES
     ]
     table = pd.DataFrame(rows)
+    asked.out.mkdir(parents=True, exist_ok=True)
     table.to_csv(asked.out / "turn.csv", index=False)
     print(table.to_string(index=False))
 
