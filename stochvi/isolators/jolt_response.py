@@ -315,7 +315,8 @@ def perturbations(
             counted.append(hits_of(speed, paths, seed, windows, report))
     if not counted:
         raise deadline.fell_short("before the paths of a perturbation had ended", LESS_WORK)
-    hits = np.array(counted)
+    hits, resonance = np.array(counted), _resonance(scene, sine)
+    clearance = _clearance(scene)
     found = hits.sum(axis=2) >= CLATTER * WINDOW_PERIODS
     captured = found[:, SETTLING_WINDOWS - 1]
     on_both = (hits[:, SETTLING_WINDOWS - 1] >= CLATTER * WINDOW_PERIODS).all(axis=1)
@@ -329,10 +330,10 @@ def perturbations(
         left=left,
         watched=np.where(captured, stayed * window, 0.0),
         duration=windows * window,
-        resonance=_resonance(scene, sine),
-        clearance=_clearance(scene),
+        resonance=resonance,
+        clearance=clearance,
         noise=model.noisy,
-        warnings=(*scene.at_means(), *_rests(scene, sine, model.noisy)),
+        warnings=(*scene.at_means(), *([] if model.noisy else _rests(resonance, clearance))),
         provenance=provenance(scene.document(), seed),
     )
     if len(hits) < len(speeds):
@@ -355,10 +356,11 @@ LESS_WORK = "raise budget, or ask for fewer paths, fewer perturbations or a shor
 
 
 class Throw(Protocol):
-    """Impacts of paths (windows, 2, paths) on the lower and the upper stop in each window.
+    """Counts the impacts (windows, 2, paths) on the lower and the upper stop in each window.
 
-    They follow a perturbation of that speed, m/s, at random phases. What it calls with the share
-    that is done may raise `GivenUp`."""
+    Every path is perturbed by that speed, m/s, at a random phase. `report` takes the share that is
+    done, and may raise `GivenUp`.
+    """
 
     def __call__(
         self, speed: float, paths: int, seed: int, windows: int, report: Callable[[float], None]
@@ -366,7 +368,7 @@ class Throw(Protocol):
 
 
 class Simulated:
-    """Paths in steps, which noise moves too, and compliant stops may stop."""
+    """Paths that are simulated in steps, with or without noise, between stops of any kind."""
 
     def __init__(self, model: Model, window: float) -> None:
         plan = plan_modal(model, 0.0, None)
@@ -391,11 +393,11 @@ class Simulated:
 
 
 class Flown:
-    """Paths without noise between rigid stops, from impact to impact.
+    """Paths without noise between rigid stops, which are followed from impact to impact.
 
-    All paths that have rested on a stop leave it at one phase of the sine, and go on as one motion:
-    an error of their steps would be that of a whole share, and small errors grow from impact to
-    impact.
+    All paths that have rested on a stop leave it at the same phase of the sine, and go on as one
+    motion. Steps would have an error there, which grows from impact to impact and changes the fate
+    of all of them at once.
     """
 
     def __init__(self, scene: Scene, deadline: Deadline) -> None:
@@ -466,10 +468,9 @@ def _clearance(scene: Scene) -> float:
     return min(abs(stop.position - mean) for stop in model.stops)
 
 
-def _rests(scene: Scene, sine: Sine, noisy: bool) -> list[str]:
+def _rests(sine: HarmonicResonance | None, clearance: float) -> list[str]:
     """A sentence where a sine without noise can hold a mass on a rigid stop."""
-    one = _resonance(scene, sine)
-    if noisy or one is None or one.amplitude <= one.omega**2 * _clearance(scene):
+    if sine is None or sine.amplitude <= sine.omega**2 * clearance:
         return []
     return [
         "the sine can hold the mass on a stop, and all paths that have rested there go on alike: a "

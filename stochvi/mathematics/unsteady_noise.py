@@ -373,8 +373,9 @@ class Shocks:
         """Ages of shocks at quantiles of a density; and the even density over it. The density is
         half even, and half in proportion to the squared motion at that age."""
         ends = np.append(self.step * np.arange(self.responses.shape[1]), self.window)
-        moved = self.reach > STILL * self.reach.max()
-        squares = np.sum((self.responses[moved, :, 0] / self.reach[moved, None]) ** 2, axis=0)
+        reach = self.reach
+        moved = reach > STILL * reach.max()
+        squares = np.sum((self.responses[moved, :, 0] / reach[moved, None]) ** 2, axis=0)
         squares = np.append(0.5 * (squares[1:] + squares[:-1]), 0.0)
         widths = np.diff(ends)
         parts = widths / self.window
